@@ -1,0 +1,123 @@
+# AMINN's front door. `make` lists the targets. Each target installs and builds what it needs, once: the set-up steps
+# leave stamps in build/stamps, so a second run does nothing but the work asked for.
+
+BUILD   := build
+VENV    := .venv
+JOBS    ?= $(shell nproc)
+# Variables of single targets (make help shows them).
+PREFIX  ?= /usr/local
+GRASPS  ?= 1000
+CASES   ?= 16
+SEED    ?= 1
+THREADS ?= $(JOBS)
+# Further arguments for pip, e.g. --extra-index-url of PyTorch's CPU-only builds.
+PIP_ARGS ?=
+
+STAMPS  := $(BUILD)/stamps
+PYTHON  := $(VENV)/bin/python
+QUIET   := tools/setup/quiet.sh
+HOST    := $(BUILD)/host
+REPORTS := $(BUILD)/reports
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.SUFFIXES:
+MAKEFLAGS += --no-builtin-rules
+SHELL := /bin/bash
+
+# --- what is stale when -------------------------------------------------------------------------------------------
+sources = $(shell find $(wildcard $(1)) -type f -not -name '*.pyc' -not -path '*/.*')
+MODULE_SOURCES  := CMakeLists.txt pyproject.toml $(wildcard runtime/include/aminn_rt.h) \
+                   $(filter-out %.py,$(call sources,sim))
+RUNTIME_SOURCES := CMakeLists.txt $(filter-out %.py,$(call sources,runtime))
+TEST_SOURCES    := $(filter-out %.py,$(call sources,tests/runtime tests/golden))
+FORMATTED       := $(filter %.c %.h %.cpp %.hpp,$(call sources,sim runtime tests/runtime))
+PYTHON_FOLDERS  := $(wildcard sim trainer tools tests runtime)
+
+# --- targets for people -------------------------------------------------------------------------------------------
+.PHONY: help
+help: ## this list
+	@echo "AMINN: grasp stability and in-hand displacement. Targets (each sets itself up; results in build/):"
+	@sed -nE 's/^([a-z-]+):.*## (.*)/  make \1|\2/p' $(MAKEFILE_LIST) | column -t -s '|' 2>/dev/null || \
+	  sed -nE 's/^([a-z-]+):.*## (.*)/  make \1   \2/p' $(MAKEFILE_LIST)
+	@echo "Variables: JOBS=$(JOBS)  UNITY_ROOT=DIR (Unity that is there already)  PIP_ARGS='...' (for pip install)"
+
+.PHONY: demo
+demo: setup-python setup-host setup-arm ## the whole path: simulate, train, compare, export, compile, replay; ends with the report page
+	@$(PYTHON) -m aminn.demo --build $(BUILD)
+
+.PHONY: test
+test: setup-python setup-host-tests setup-arm ## lint, C tests, Python tests, and the golden vectors on the emulated Cortex-M7
+	@$(MAKE) --no-print-directory lint
+	@mkdir -p $(BUILD)/test
+	@ctest --test-dir $(HOST) --output-on-failure --no-tests=error --parallel $(JOBS) \
+	  --output-junit ../test/ctest.xml
+	@$(PYTHON) -m pytest -q --junit-xml=$(BUILD)/test/pytest.xml
+	@$(MAKE) --no-print-directory firmware
+	@echo "All tests passed. Results: $(BUILD)/test/ctest.xml, $(BUILD)/test/pytest.xml, $(REPORTS)/firmware.json"
+
+.PHONY: lint
+lint: $(STAMPS)/venv ## ruff on the Python files, clang-format on the C and C++ files
+	@$(PYTHON) -m ruff check --quiet $(PYTHON_FOLDERS)
+	@$(VENV)/bin/clang-format --dry-run --Werror $(FORMATTED)
+	@echo "Lint: no findings (ruff, clang-format)"
+
+.PHONY: dataset
+dataset: setup-python ## simulated grasps and loads, in build/dataset (GRASPS=, CASES= a grasp, SEED=, THREADS=)
+	@$(VENV)/bin/aminn simulate --out $(BUILD)/dataset --grasps $(GRASPS) --cases $(CASES) --seed $(SEED) \
+	  --threads $(THREADS)
+	@echo "Dataset: $(BUILD)/dataset/manifest.json"
+
+.PHONY: install
+install: setup-host ## the C library, header, CMake package and aminn_rt.pc (PREFIX=/usr/local)
+	@cmake --install $(HOST) --prefix $(PREFIX) >$(BUILD)/logs/install.log || { cat $(BUILD)/logs/install.log; exit 1; }
+	@echo "Installed in $(PREFIX); files: $(HOST)/install_manifest.txt"
+
+.PHONY: clean
+clean: ## remove build/ (data, models and reports too; .venv stays)
+	rm -rf $(BUILD)
+
+# --- set-up ---------------------------------------------------------------------------------------------------------
+.PHONY: setup setup-host setup-host-tests setup-arm setup-python
+setup: setup-host-tests setup-arm setup-python
+setup-host: $(STAMPS)/host
+setup-host-tests: $(STAMPS)/host-tests
+setup-arm: $(STAMPS)/apt-arm
+setup-python: $(STAMPS)/module
+
+$(STAMPS)/apt-%: tools/setup/apt.sh
+	@mkdir -p $(@D)
+	@tools/setup/apt.sh $*
+	@touch $@
+
+$(VENV)/pyvenv.cfg:
+	@rm -f $(STAMPS)/venv
+
+# .venv at the versions of constraints.txt.
+$(STAMPS)/venv: constraints.txt pyproject.toml tools/setup/python.sh $(VENV)/pyvenv.cfg | $(STAMPS)/apt-python
+	@tools/setup/python.sh $(VENV) $(PIP_ARGS)
+	@touch $@
+
+# The three Python packages, linked to the tree (a change of a .py file needs nothing), and the compiled simulation.
+$(STAMPS)/module: $(STAMPS)/venv $(MODULE_SOURCES) | $(STAMPS)/apt-host $(STAMPS)/apt-sim
+	@echo "Building the simulation module"
+	@$(QUIET) $(BUILD)/logs/module.log $(PYTHON) -m pip install --disable-pip-version-check \
+	  --no-build-isolation --no-deps --editable .
+	@touch $@
+
+# The C runtime for this machine.
+$(STAMPS)/host: $(RUNTIME_SOURCES) | $(STAMPS)/apt-host
+	@echo "Building the C runtime"
+	@$(QUIET) $(BUILD)/logs/host-configure.log cmake -S . -B $(HOST) -G Ninja -DCMAKE_BUILD_TYPE=Release
+	@$(QUIET) $(BUILD)/logs/host.log cmake --build $(HOST) --parallel $(JOBS)
+	@touch $@
+
+$(STAMPS)/unity: tools/setup/unity.sh | $(STAMPS)/apt-host $(STAMPS)/apt-unity
+	@tools/setup/unity.sh $(BUILD)/unity
+	@touch $@
+
+$(STAMPS)/host-tests: $(STAMPS)/host $(STAMPS)/unity $(TEST_SOURCES)
+	@echo "Building the C tests"
+	@$(QUIET) $(BUILD)/logs/host-configure.log cmake -S . -B $(HOST) -G Ninja -DAMINN_BUILD_TESTING=ON
+	@$(QUIET) $(BUILD)/logs/host-tests.log cmake --build $(HOST) --parallel $(JOBS)
+	@touch $@

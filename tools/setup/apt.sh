@@ -1,0 +1,77 @@
+#!/usr/bin/env bash
+# Debian packages by group: apt.sh GROUP...
+# Installs what is missing (as root, or through sudo that asks for no password); where it may not, lists what to
+# install and exits 1. A program that is on the PATH already counts, whoever put it there.
+set -euo pipefail
+
+# One line a package: its name, then (optionally) a test that makes it unnecessary.
+packages() {
+  case $1 in
+    make) echo "make" ;;
+    host) # C runtime on this machine; CMake and Ninja from Debian, so that no Python is needed for it
+      echo "build-essential have gcc && have g++ && have make"
+      echo "cmake have cmake"
+      echo "ninja-build have ninja"
+      echo "libeigen3-dev"
+      echo "python3 have python3" ;; # the size report and the generators of the build: standard library only
+    sim) # simulation, as a Python module
+      echo "libmujoco-dev" ;;
+    python) # interpreter of the .venv, with headers for the module
+      echo "python3.11 have python3.11"
+      echo "python3.11-venv tools/setup/python.sh --usable"
+      echo "python3.11-dev tools/setup/python.sh --usable" ;;
+    arm) # Cortex-M cross compiler and the emulated board
+      echo "gcc-arm-none-eabi have arm-none-eabi-g++"
+      echo "libnewlib-arm-none-eabi have_arm_header stdio.h"
+      echo "libstdc++-arm-none-eabi-newlib have_arm_header cmath"
+      echo "qemu-system-arm have qemu-system-arm" ;;
+    unity) # sources of the C test framework
+      echo "ca-certificates"
+      echo "git have git"
+      echo "xz-utils have xz" ;;
+    *)
+      echo "apt.sh: no group '$1' (make host sim python arm unity)" >&2
+      exit 2 ;;
+  esac
+}
+
+have() { command -v "$1" >/dev/null; }
+have_arm_header() { echo "#include <$1>" | arm-none-eabi-g++ -E -x c++ - >/dev/null 2>&1; }
+installed() { dpkg-query -W -f '${db:Status-Status}' "$1" 2>/dev/null | grep -qx installed; }
+
+missing_packages() {
+  local group package probe
+  for group in "$@"; do
+    packages "$group" >/dev/null
+    while read -r package probe; do
+      [[ -n $probe ]] && eval "$probe" </dev/null && continue
+      installed "$package" || echo "$package"
+    done < <(packages "$group")
+  done
+}
+
+cd "$(dirname "$0")/../.."
+exec 9<tools/setup/apt.sh && flock 9 # make -j runs this script for several groups at once
+missing=$(missing_packages "$@" | sort -u | tr '\n' ' ')
+[[ -z $missing ]] && exit 0
+
+run=()
+if [[ $(id -u) -ne 0 ]]; then
+  run=(sudo -n)
+  have sudo && sudo -n true 2>/dev/null || run=(false)
+fi
+if [[ ${run[0]:-} == false ]] || ! have apt-get; then
+  echo "Missing packages, and no right to install them here. Please run, then repeat the command:" >&2
+  echo "    sudo apt-get update && sudo apt-get install --no-install-recommends $missing" >&2
+  exit 1
+fi
+
+echo "Installing Debian packages: $missing"
+log=$(mktemp)
+trap 'rm -f "$log"' EXIT
+apt=("${run[@]}" env DEBIAN_FRONTEND=noninteractive apt-get -qq -o DPkg::Lock::Timeout=600)
+if ! { "${apt[@]}" update && "${apt[@]}" install -y --no-install-recommends $missing; } >"$log" 2>&1 </dev/null; then
+  cat "$log" >&2
+  echo "apt-get could not install: $missing(messages above)" >&2
+  exit 1
+fi
