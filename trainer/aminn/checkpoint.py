@@ -1,0 +1,99 @@
+"""Checkpoints: `model.safetensors` (weights and normalisation) beside `model.json` (everything else). Never pickle."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save_file
+
+from .baseline import Mlp
+from .errors import AminnError
+from .mechanics import MechanicsConfig
+from .model import Aminn, ModelConfig
+from .nominal import Nominal
+
+FORMAT_VERSION = 1
+WEIGHTS, META = "model.safetensors", "model.json"
+KINDS = {"aminn": Aminn, "mlp": Mlp}
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A trained cascade in evaluation mode."""
+
+    model: Aminn | Mlp
+    meta: dict
+    """kind, tau, data set, seed, training history and whatever else training recorded."""
+    path: Path
+    sha256: str
+    """Of the weights file followed by the metadata file."""
+
+
+def write_atomically(path: Path, data: bytes) -> None:
+    """Write `data` to `path` so that a reader sees the old file or the new one, never half of it."""
+    part = path.with_name(path.name + ".part")
+    part.write_bytes(data)
+    os.replace(part, path)
+
+
+def write_json(path: Path, value: dict) -> None:
+    """Write a JSON file with sorted keys, atomically."""
+    write_atomically(path, (json.dumps(value, indent=1, sort_keys=True) + "\n").encode())
+
+
+def build_model(kind: str, config: ModelConfig, nominal: Nominal) -> Aminn | Mlp:
+    """A new cascade of one of `KINDS`."""
+    if kind not in KINDS:
+        raise AminnError(f"model kind {kind!r} is unknown; there are {', '.join(KINDS)}")
+    return KINDS[kind](config, nominal)
+
+
+def save_checkpoint(path: Path, model: Aminn | Mlp, meta: dict) -> None:
+    """Write `model` and `meta` into folder `path`."""
+    path.mkdir(parents=True, exist_ok=True)
+    part = path / (WEIGHTS + ".part")
+    save_file({k: v.contiguous() for k, v in model.state_dict().items()}, part)
+    os.replace(part, path / WEIGHTS)
+    nominal = {k: v.tolist() for k, v in asdict(model.nominal).items()}
+    fixed = {
+        "format_version": FORMAT_VERSION,
+        "kind": model.kind,
+        "model": asdict(model.config),
+        "nominal": nominal,
+    }
+    write_json(path / META, meta | fixed)
+
+
+def _model_config(values: dict) -> ModelConfig:
+    mechanics = tuple(MechanicsConfig(**m) for m in values["mechanics"])
+    lists = {k: tuple(v) for k, v in values.items() if isinstance(v, list)}
+    return ModelConfig(**(values | lists | {"mechanics": mechanics}))
+
+
+def load_checkpoint(path: Path) -> Checkpoint:
+    """Read the checkpoint in folder `path`. Raises AminnError with what is wrong with it."""
+    weights, meta_file = path / WEIGHTS, path / META
+    for file in (weights, meta_file):
+        if not file.is_file():
+            raise AminnError(
+                f"{path}: {file.name} is missing; a checkpoint is a folder that `aminn train` wrote"
+            )
+    try:
+        meta = json.loads(meta_file.read_text())
+        if meta["format_version"] != FORMAT_VERSION:
+            raise AminnError(
+                f"{meta_file}: format_version {meta['format_version']}, this program reads {FORMAT_VERSION}"
+            )
+        nominal = Nominal(**{k: np.asarray(v) for k, v in meta["nominal"].items()})
+        model = build_model(meta["kind"], _model_config(meta["model"]), nominal)
+        model.load_state_dict(load_file(weights))
+    except (json.JSONDecodeError, KeyError, TypeError, SafetensorError, RuntimeError) as error:
+        raise AminnError(f"{path}: not a usable checkpoint ({type(error).__name__}: {error})") from error
+    sha256 = hashlib.sha256(weights.read_bytes() + meta_file.read_bytes()).hexdigest()
+    return Checkpoint(model.eval(), meta, path, sha256)

@@ -1,0 +1,174 @@
+"""The program `aminn`: one command a stage, from simulation to verification."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import click
+
+from . import __version__
+from .errors import AminnError
+
+FOLDER = click.Path(path_type=Path, file_okay=False)
+EXISTING = click.Path(path_type=Path, file_okay=False, exists=True)
+NEW_FILE = click.Path(path_type=Path, dir_okay=False)
+
+
+class Commands(click.Group):
+    """Turns errors meant for the user into one line and exit code 1."""
+
+    def invoke(self, ctx: click.Context) -> object:
+        try:
+            return super().invoke(ctx)
+        except (AminnError, OSError) as error:
+            raise click.ClickException(str(error)) from error
+        except KeyboardInterrupt as error:
+            raise click.ClickException("interrupted; the same command goes on where it stopped") from error
+
+
+@click.group(cls=Commands)
+@click.version_option(__version__)
+def main() -> None:
+    """Predict how a robot hand's grasp gives way under load: simulate, train, evaluate, export, verify, report."""
+
+
+@main.command()
+@click.option(
+    "--out", type=FOLDER, required=True, help="Folder of the data set; an unfinished one is gone on with."
+)
+@click.option("--grasps", type=click.IntRange(1), default=400, show_default=True, help="Number of grasps.")
+@click.option("--cases", type=click.IntRange(1), default=16, show_default=True, help="Load cases per grasp.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
+@click.option("--threads", type=click.IntRange(1), default=None, help="Worker threads  [default: all cores]")
+@click.option("--shard-grasps", type=click.IntRange(1), default=None, help="Grasps per shard.")
+def simulate(
+    out: Path, grasps: int, cases: int, seed: int, threads: int | None, shard_grasps: int | None
+) -> None:
+    """Simulate grasps under load and write a labelled data set."""
+    from .stages import run_simulation
+
+    manifest = run_simulation(out, grasps, cases, seed, threads, shard_grasps)
+    click.echo(f"{manifest['n_samples']} load cases of {manifest['n_grasps']} grasps in {out}")
+
+
+@main.command()
+@click.option("--data", type=EXISTING, required=True, help="Folder that `aminn simulate` wrote.")
+@click.option(
+    "--out", type=FOLDER, required=True, help="Folder of the checkpoint; an unfinished run is gone on with."
+)
+@click.option("--model", "kind", type=click.Choice(["aminn", "mlp"]), default="aminn", show_default=True)
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
+@click.option("--epochs", type=click.IntRange(1), default=None, help="Passes over the data, each stage.")
+def train(data: Path, out: Path, kind: str, seed: int, epochs: int | None) -> None:
+    """Train AMINN or the MLP baseline."""
+    from .dataset import load_dataset
+    from .train import TrainConfig
+    from .train import train as run
+
+    settings = {"kind": kind, "seed": seed} | ({"epochs": epochs} if epochs else {})
+    checkpoint = run(TrainConfig(**settings), load_dataset(data), out)
+    click.echo(
+        f"{kind}: {checkpoint.meta['n_parameters']} parameters, tau {checkpoint.meta['tau']:.4f}, in {out}"
+    )
+
+
+@main.command()
+@click.option("--data", type=EXISTING, required=True, help="The data set that the models were trained on.")
+@click.option(
+    "--run", "runs", type=EXISTING, multiple=True, required=True, help="Checkpoint folder; may be repeated."
+)
+@click.option(
+    "--split", default="test", show_default=True, type=click.Choice(["train", "validation", "test"])
+)
+@click.option("--json", "json_file", type=NEW_FILE, help="Write every figure here, as flat keys.")
+def evaluate(data: Path, runs: tuple[Path, ...], split: str, json_file: Path | None) -> None:
+    """Print the figures of trained models beside the analytical model, no motion and the ground truth."""
+    from .checkpoint import load_checkpoint, write_json
+    from .dataset import load_dataset
+    from .evaluate import evaluate as run
+    from .evaluate import flat_report, format_table
+
+    result = run([load_checkpoint(r) for r in runs], load_dataset(data), split)
+    click.echo(format_table(result))
+    if json_file:
+        json_file.parent.mkdir(parents=True, exist_ok=True)
+        write_json(json_file, flat_report(result))
+        click.echo(f"figures: {json_file}")
+
+
+@main.command()
+@click.option("--run", "checkpoint", type=EXISTING, required=True, help="Folder of an AMINN checkpoint.")
+@click.option("--data", type=EXISTING, required=True, help="Data set to draw the golden vectors from.")
+@click.option("--out", type=FOLDER, required=True)
+@click.option(
+    "--prefix", default="aminn_model", show_default=True, help="Symbol prefix and file name of the C model."
+)
+def export(checkpoint: Path, data: Path, out: Path, prefix: str) -> None:
+    """Write aminn.onnx, aminn_debug.onnx, the C model, its binary form and golden vectors."""
+    from .stages import run_export
+
+    for line in run_export(checkpoint, data, out, prefix):
+        click.echo(line)
+
+
+@main.command()
+@click.option(
+    "--export", "export_dir", type=EXISTING, required=True, help="Folder that `aminn export` wrote."
+)
+@click.option("--data", type=EXISTING, required=True, help="Data set to replay.")
+@click.option(
+    "--build",
+    "build_dir",
+    type=EXISTING,
+    default=Path("build/host"),
+    show_default=True,
+    help="Compiled runtime.",
+)
+@click.option(
+    "--samples", type=click.IntRange(1), default=1000, show_default=True, help="Replay at least so many."
+)
+@click.option("--firmware", is_flag=True, help="Also on the emulated Cortex-M7.")
+@click.option("--json", "json_file", type=NEW_FILE, help="Write the differences here, as flat keys.")
+def verify(
+    export_dir: Path, data: Path, build_dir: Path, samples: int, firmware: bool, json_file: Path | None
+) -> None:
+    """Replay a data set through ONNX Runtime and the compiled runtime; fail on a mismatch."""
+    from .checkpoint import write_json
+    from .stages import run_verify
+
+    report = run_verify(export_dir, data, build_dir, samples, firmware)
+    if json_file:
+        json_file.parent.mkdir(parents=True, exist_ok=True)
+        write_json(json_file, report)
+        click.echo(f"differences: {json_file}")
+    if not report["ok"]:
+        raise click.ClickException("the runtime does not repeat ONNX Runtime")
+
+
+@main.command()
+@click.option("--data", type=EXISTING, required=True, help="The data set that the models were trained on.")
+@click.option(
+    "--run", "runs", type=EXISTING, multiple=True, required=True, help="Checkpoint folder; may be repeated."
+)
+@click.option(
+    "--verification",
+    type=click.Path(path_type=Path, dir_okay=False, exists=True),
+    help="`aminn verify --json`.",
+)
+@click.option("--out", type=NEW_FILE, default=Path("build/reports/report.html"), show_default=True)
+def report(data: Path, runs: tuple[Path, ...], verification: Path | None, out: Path) -> None:
+    """Write the report page: table, signed work, predicted motion, training curves, a grasp under load."""
+    from .checkpoint import load_checkpoint
+    from .dataset import load_dataset
+    from .evaluate import evaluate as run
+    from .stages import run_report
+
+    checkpoints = [load_checkpoint(r) for r in runs]
+    differences = json.loads(verification.read_text()) if verification else {}
+    run_report(run(checkpoints, load_dataset(data)), checkpoints, differences, out)
+    click.echo(f"report: {out}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,156 @@
+"""Figures of trained models on a split, beside those of the analytical model, of no motion and of the labels themselves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from .checkpoint import Checkpoint
+from .dataset import Dataset, split_of
+from .errors import AminnError
+from .metrics import all_figures, choose_tau, displacement_figures, pose_error, pose_size, violation_rate
+from .model import Backbone, ModelConfig, scaled_pose
+from .nominal import nominal_from_hand
+from .predict import predict
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """One model's outputs on a split."""
+
+    name: str
+    dx: Array  # (n, 6)
+    stable: NDArray[np.bool_]  # (n,)
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Figures and the predictions that they were taken from."""
+
+    split: str
+    table: dict[str, dict[str, float]]
+    """Model name -> figures of `metrics.all_figures`."""
+    labels: dict[str, float]
+    """The ground truth's own figures: stable share, passivity, noise floor."""
+    predictions: dict[str, Prediction]
+    data: Dataset
+
+
+def learned(checkpoint: Checkpoint, data: Dataset) -> Prediction:
+    """A trained cascade at its own tau."""
+    out = predict(checkpoint.model, data)
+    stable = out["p_stable"].astype(np.float32) >= np.float32(checkpoint.meta["tau"])
+    return Prediction(checkpoint.model.kind, out["dx_ht"], stable)
+
+
+def analytical(data: Dataset, validation: Dataset, config: ModelConfig | None = None) -> Prediction:
+    """Nominal springs, tendons taut, nothing learned.
+
+    Calls a grasp stable when the predicted motion is below a bound chosen on validation data by the same rule as tau.
+    """
+    config = config or ModelConfig()
+    backbone = Backbone(config, config.mechanics[1], nominal_from_hand(data.manifest["hand"]))
+
+    def motion(part: Dataset) -> tuple[Array, Array]:
+        with torch.no_grad():
+            dx = backbone.nominal_response(part.inputs()).dx
+        return dx.double().numpy(), -scaled_pose(dx).norm(dim=1).double().numpy()
+
+    dx_v, score_v = motion(validation)
+    error_v = pose_error(dx_v, validation.samples["dx_ht"])
+    bound = choose_tau(score_v, validation.samples["stable"] > 0, error_v)
+    dx, score = motion(data)
+    return Prediction("analytical", dx, score >= bound)
+
+
+def no_motion(data: Dataset) -> Prediction:
+    """Every grasp holds and nothing moves."""
+    return Prediction("no_motion", np.zeros((len(data), 6)), np.ones(len(data), bool))
+
+
+def label_figures(data: Dataset) -> dict[str, float]:
+    """The labels' own figures: stable share, passivity, and how far the tool still moves in the last half of the hold."""
+    s = data.samples
+    stable = s["stable"] > 0
+    noise = displacement_figures(s["dx_ht_early"][stable], s["dx_ht"][stable])
+    return {
+        "n_samples": len(data),
+        "n_grasps": len(np.unique(s["grasp_id"])),
+        "stable_share": float(stable.mean()),
+        "motion_rms": float(np.sqrt(np.mean(pose_size(s["dx_ht"][stable]) ** 2))),
+        "motion_median_mm": 1e3 * float(np.median(np.linalg.norm(s["dx_ht"][stable][:, :3], axis=1))),
+        "noise_floor_rmse_pose": noise["rmse_pose"],
+        "noise_floor_relative_error_median": noise["relative_error_median"],
+        "passivity_violation_translational": violation_rate(s["w_e"], s["dx_ht"], stable, False),
+        "passivity_violation_full": violation_rate(s["w_e"], s["dx_ht"], stable, True),
+    }
+
+
+def evaluate(checkpoints: list[Checkpoint], dataset: Dataset, split: str = "test") -> Evaluation:
+    """Figures on one split of `dataset`. Raises AminnError if a checkpoint was trained on other data than this."""
+    for checkpoint in checkpoints:
+        if checkpoint.meta["data_config_sha256"] != dataset.manifest["config_sha256"]:
+            raise AminnError(
+                f"{checkpoint.path}: trained on another data set (configuration "
+                f"{checkpoint.meta['data_config_sha256'][:12]}, this one is {dataset.manifest['config_sha256'][:12]}); "
+                "its training grasps may stand in this split"
+            )
+    data, validation = dataset.split(split), dataset.split("validation")
+    if not len(data):
+        raise AminnError(f"the {split} split is empty; simulate more grasps")
+    predictions = [learned(c, data) for c in checkpoints] + [analytical(data, validation), no_motion(data)]
+    s = data.samples
+    table = {p.name: all_figures(s["w_e"], s["dx_ht"], s["stable"] > 0, p.dx, p.stable) for p in predictions}
+    return Evaluation(split, table, label_figures(data), {p.name: p for p in predictions}, data)
+
+
+def flat_report(evaluation: Evaluation) -> dict[str, float | str]:
+    """The evaluation as flat keys, `<model>_<figure>` and `label_<figure>`."""
+    report: dict[str, float | str] = {"split": evaluation.split}
+    for name, figures in evaluation.table.items():
+        report |= {f"{name}_{key}": value for key, value in figures.items()}
+    return report | {f"label_{key}": value for key, value in evaluation.labels.items()}
+
+
+TABLE_COLUMNS = {
+    "f1": ("F1", "{:.3f}"),
+    "rmse_pose": ("RMSE_pose", "{:.4f}"),
+    "rmse_mm": ("mm", "{:.2f}"),
+    "rmse_deg": ("deg", "{:.2f}"),
+    "rmse_to_no_motion": ("/no motion", "{:.3f}"),
+    "relative_error_median": ("rel. median", "{:.3f}"),
+    "relative_error_p90": ("rel. p90", "{:.3f}"),
+    "passivity_violation_translational": ("f.dp<0", "{:.2%}"),
+    "passivity_violation_full": ("w.dx<0", "{:.2%}"),
+}
+
+
+def format_table(evaluation: Evaluation) -> str:
+    """The table that the commands print."""
+    rows = [["model", *(title for title, _ in TABLE_COLUMNS.values())]]
+    for name, figures in evaluation.table.items():
+        rows.append([name, *(fmt.format(figures[key]) for key, (_, fmt) in TABLE_COLUMNS.items())])
+    labels = evaluation.labels
+    truth = {
+        "rmse_pose": labels["noise_floor_rmse_pose"],
+        "relative_error_median": labels["noise_floor_relative_error_median"],
+        "passivity_violation_translational": labels["passivity_violation_translational"],
+        "passivity_violation_full": labels["passivity_violation_full"],
+    }
+    cells = (fmt.format(truth[key]) if key in truth else "-" for key, (_, fmt) in TABLE_COLUMNS.items())
+    rows.append(["ground truth", *cells])
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    lines = ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows]
+    return "\n".join([lines[0], "-" * len(lines[0]), *lines[1:]])
+
+
+def training_grasps_in(dataset: Dataset, split: str) -> int:
+    """Number of grasps that stand in `split` and in the training split; 0 by construction, shown in the reports."""
+    ids = dataset.samples["grasp_id"]
+    part = split_of(ids)
+    return len(np.intersect1d(ids[part == 0], dataset.split(split).samples["grasp_id"]))

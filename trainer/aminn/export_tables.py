@@ -1,0 +1,84 @@
+"""A trained AMINN as a flat list of named tables: what the ONNX graph and the C runtime are written from."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .checkpoint import Checkpoint
+from .dims import BRANCH_JOINTS, BRANCHES, JOINTS, LENGTH_SCALE_M
+from .errors import AminnError
+from .model import Backbone
+
+FORMAT_VERSION = 1
+# Table name -> name in the backbone's state.
+_BACKBONE = {
+    "contact_mean": "contact_norm.mean",
+    "contact_inv_std": "contact_norm.inv_std",
+    "global_mean": "global_norm.mean",
+    "global_inv_std": "global_norm.inv_std",
+} | {f"{layer}_{short}": f"{layer}.{long}" for layer in ("contact", "trunk1", "trunk2", "head")
+     for short, long in (("w", "weight"), ("b", "bias"))}  # fmt: skip
+_CLASSIFIER = {
+    "aux_mean": "aux_norm.mean",
+    "aux_inv_std": "aux_norm.inv_std",
+    "cls1_w": "cls1.weight",
+    "cls1_b": "cls1.bias",
+    "cls2_w": "cls2.weight",
+    "cls2_b": "cls2.bias",
+}
+_CONSTANTS = ("wrench_log_scale", "chol_nom", "tendon_dir_nom", "tendon_gain_nom", "gate_nom", "coord_mask")
+
+
+@dataclass(frozen=True)
+class ExportedModel:
+    """Everything that inference needs."""
+
+    meta: dict
+    """Scalars and names; floats are exact."""
+    tensors: dict[str, NDArray[np.float32]]
+    """Tables; weights are [out][in]. Names with "s1." or "s2." before them belong to a stage."""
+
+
+def _stage_tables(prefix: str, backbone: Backbone) -> dict[str, NDArray]:
+    state = backbone.state_dict()
+    return {prefix + name: state[key].numpy() for name, key in _BACKBONE.items()}
+
+
+def export_tables(checkpoint: Checkpoint) -> ExportedModel:
+    """The tables of an AMINN checkpoint. Raises AminnError for another kind of model."""
+    model = checkpoint.model
+    if model.kind != "aminn":
+        raise AminnError(
+            f"{checkpoint.path}: a {model.kind} has no mechanics layer to export; give an aminn checkpoint"
+        )
+    tensors = _stage_tables("s1.", model.stage1.backbone) | _stage_tables("s2.", model.stage2.backbone)
+    classifier = model.stage1.state_dict()
+    tensors |= {"s1." + name: classifier[key].numpy() for name, key in _CLASSIFIER.items()}
+    constants = model.stage2.backbone.state_dict()
+    tensors |= {name: constants[name].numpy() for name in _CONSTANTS}
+    geometry = ("base", "axis", "link_a")
+    tensors |= {f"geom_{name}": np.asarray(getattr(model.nominal, name)) for name in geometry}
+    stages = [asdict(m) for m in model.config.mechanics]
+    if stages[0]["dq0"] != stages[1]["dq0"]:
+        raise AminnError(
+            f"{checkpoint.path}: the stages differ in dq0; an exported model has one form for both"
+        )
+    meta = {
+        "format_version": FORMAT_VERSION,
+        "branches": list(BRANCHES),
+        "joints": list(JOINTS),
+        "branch_joints": [list(row) for row in BRANCH_JOINTS],
+        "checkpoint_sha256": checkpoint.sha256,
+        "tau": float(np.float32(checkpoint.meta["tau"])),
+        "dq0": stages[0]["dq0"],
+        "length_scale": LENGTH_SCALE_M,
+        "log_range": model.config.log_range,
+        "displacement_log_scale": model.config.displacement_log_scale,
+        "contact_width": model.config.contact_width,
+        "width": model.config.width,
+        "classifier_width": model.config.classifier_width,
+    } | {name: [stage[name] for stage in stages] for name in ("eps_m", "eps_kx", "eps_jq")}
+    return ExportedModel(meta, {k: np.ascontiguousarray(v, np.float32) for k, v in tensors.items()})

@@ -1,0 +1,249 @@
+"""The AMINN cascade: a network that predicts springs and tendons, and the mechanics layer that turns them into motion.
+
+One `Backbone` per stage: contact summary and global state give a feature f, a linear head gives 13 numbers a branch, and
+these are corrections to the nominal springs and tendons of the hand, so that an untrained model is the analytical one.
+Everything between SI inputs and SI outputs is inside, normalisation too. The shape of each tensor stands on its line.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from .dims import N_BRANCH, N_CONTACT_FEATURE, N_COORD, N_JOINT, N_WRENCH
+from .mechanics import MechanicsConfig, Response, Springs, length_scaling, two_pass
+from .nominal import CHOL_COLS, CHOL_ROWS, Nominal
+
+N_BRANCH_FEATURE = N_CONTACT_FEATURE + 3 * N_COORD  # contact row and the branch's block of J_q
+N_CONTACT_INPUT = N_BRANCH * N_BRANCH_FEATURE
+N_GLOBAL_INPUT = N_JOINT + 3 * N_WRENCH  # q, x_ht, w_e, w_e in signed logarithm
+N_HEAD = 13  # per branch: 3 + 3 of the Cholesky factor, 3 direction, gain, alpha, beta, rho
+N_AUX = (
+    2 * N_WRENCH + N_BRANCH
+)  # what stage 1's classifier sees of the statics: motion, diagonal of K_x, gates
+
+
+@dataclass(frozen=True)
+class ModelConfig:
+    """Sizes and constants of a cascade; written into the checkpoint."""
+
+    contact_width: int = 32
+    """Width of the contact summary."""
+    width: int = 64
+    """Width of the trunk."""
+    classifier_width: int = 32
+    """Width of the hidden layer of stage 1's classifier."""
+    log_range: float = 2.0
+    """Cholesky diagonals, gains and alpha stay within exp(+-log_range) of their nominal values."""
+    wrench_log_scale: tuple[float, ...] = (0.1, 0.1, 0.1, 0.005, 0.005, 0.005)
+    """Where the signed logarithm of the wrench turns from linear to logarithmic: N and N.m."""
+    displacement_log_scale: float = 1e-3
+    """The same for the displacement that stage 1's classifier sees, m (rotations times 0.1 m)."""
+    gate_nominal: tuple[float, ...] = (20.0, 0.05, 2.0)
+    """alpha (1/rad), scale of beta (rad) and rho of an untrained gate: taut under pretension."""
+    mechanics: tuple[MechanicsConfig, MechanicsConfig] = field(
+        default_factory=lambda: (MechanicsConfig(), MechanicsConfig())
+    )
+    """The layer's constants for stage 1 and stage 2."""
+
+
+def slog(v: Tensor, scale: Tensor | float) -> Tensor:
+    """Signed logarithm sign(v) log(1 + |v| / scale)."""
+    return torch.sign(v) * torch.log(1 + v.abs() / scale)
+
+
+class Normaliser(nn.Module):
+    """(v - mean) / std with constants that live in the model; a column that hardly varies is only centred."""
+
+    def __init__(self, size: int) -> None:
+        super().__init__()
+        self.register_buffer("mean", torch.zeros(size))
+        self.register_buffer("inv_std", torch.ones(size))
+
+    def fit(self, v: Tensor) -> None:
+        """Take the constants from data (n, size)."""
+        std = v.std(0)
+        self.mean.copy_(v.mean(0))
+        varies = std > 1e-6 * (1 + v.abs().amax(0))
+        self.inv_std.copy_(torch.where(varies, 1 / std.clamp_min(1e-12), torch.ones_like(std)))
+
+    def forward(self, v: Tensor) -> Tensor:
+        return (v - self.mean) * self.inv_std
+
+
+def contact_input(contacts: Tensor, j_q: Tensor) -> Tensor:
+    """What the contact summary sees: (N, 51). All of a branch out of contact is zero."""
+    c = contacts[..., :1]  # (N, 3, 1)
+    u = torch.cat([c, c * contacts[..., 1:], c * j_q.flatten(-2)], -1)  # (N, 3, 17)
+    return u.flatten(1)
+
+
+def global_input(q: Tensor, x_ht: Tensor, w_e: Tensor, wrench_log_scale: Tensor) -> Tensor:
+    """Global state: (N, 26)."""
+    return torch.cat([q, x_ht, w_e, slog(w_e, wrench_log_scale)], -1)
+
+
+class Backbone(nn.Module):
+    """One stage: feature f and the two-pass response."""
+
+    def __init__(self, config: ModelConfig, mechanics: MechanicsConfig, nominal: Nominal) -> None:
+        super().__init__()
+        self.config, self.mechanics = config, mechanics
+        self.contact_norm = Normaliser(N_CONTACT_INPUT)
+        self.global_norm = Normaliser(N_GLOBAL_INPUT)
+        self.contact = nn.Linear(N_CONTACT_INPUT, config.contact_width)
+        self.trunk1 = nn.Linear(config.contact_width + N_GLOBAL_INPUT, config.width)
+        self.trunk2 = nn.Linear(config.width, config.width)
+        self.head = nn.Linear(config.width, N_BRANCH * N_HEAD)
+        nn.init.zeros_(self.head.bias)
+        self.head.weight.data.mul_(0.1)  # start close to the nominal hand
+        constants = {
+            "wrench_log_scale": config.wrench_log_scale,
+            "chol_nom": nominal.chol,
+            "tendon_dir_nom": nominal.tendon_dir,
+            "tendon_gain_nom": nominal.tendon_gain,
+            "gate_nom": config.gate_nominal,
+            "coord_mask": nominal.coord_mask,
+        }
+        for name, value in constants.items():
+            self.register_buffer(name, torch.tensor(np.asarray(value), dtype=torch.float32))
+
+    def fit_normalisers(self, x: dict[str, Tensor]) -> None:
+        """Take the normalisation constants from training inputs."""
+        self.contact_norm.fit(contact_input(x["contacts"], x["j_q"]))
+        self.global_norm.fit(global_input(x["q"], x["x_ht"], x["w_e"], self.wrench_log_scale))
+
+    def features(self, x: dict[str, Tensor]) -> Tensor:
+        """f (N, width): contact summary fused with the global state."""
+        touch = self.contact_norm(contact_input(x["contacts"], x["j_q"]))  # (N, 51)
+        summary = torch.relu(self.contact(touch))  # (N, HC)
+        state = self.global_norm(global_input(x["q"], x["x_ht"], x["w_e"], self.wrench_log_scale))  # (N, 26)
+        hidden = torch.relu(self.trunk1(torch.cat([summary, state], -1)))  # (N, H)
+        return torch.relu(self.trunk2(hidden))  # (N, H)
+
+    def springs(self, f: Tensor) -> Springs:
+        """The mechanics head: corrections to the nominal hand from f (N, width)."""
+        return self.springs_from_head(self.head(f))
+
+    def springs_from_head(self, y: Tensor) -> Springs:
+        """Springs and tendons from raw head outputs y (N, 39); zeros give the nominal hand."""
+        y = y.unflatten(-1, (N_BRANCH, N_HEAD))
+        ld, lo, d, k, al, be, rh = y.split([3, 3, 3, 1, 1, 1, 1], -1)
+        mask, r = self.coord_mask, self.config.log_range
+        nom_diag, nom_off = self.chol_nom[:, :3], self.chol_nom[:, 3:]
+        rows, cols = list(CHOL_ROWS[3:]), list(CHOL_COLS[3:])
+        diag = nom_diag * torch.exp(r * torch.tanh(ld) * mask)  # (N, 3, 3)
+        size = (nom_diag[:, rows] * nom_diag[:, cols]).sqrt()
+        off = (nom_off + size * torch.tanh(lo)) * mask[:, rows] * mask[:, cols]  # (N, 3, 3)
+        l00, l11, l22 = diag.unbind(-1)
+        l10, l20, l21 = off.unbind(-1)
+        zero = torch.zeros_like(l00)
+        entries = torch.stack([l00, zero, zero, l10, l11, zero, l20, l21, l22], -1)
+        factor = entries.unflatten(-1, (3, 3))  # (N, 3, 3, 3) lower triangular
+        v = (self.tendon_dir_nom + d) * mask  # (N, 3, 3)
+        direction = v / torch.sqrt((v * v).sum(-1, keepdim=True) + 1e-12)
+        gain = self.tendon_gain_nom * torch.exp(r * torch.tanh(k.squeeze(-1)))  # (N, 3)
+        alpha = self.gate_nom[0] * torch.exp(r * torch.tanh(al))  # (N, 3, 1)
+        gate_params = torch.cat([alpha, self.gate_nom[1] * be, self.gate_nom[2] + rh], -1)  # (N, 3, 3)
+        return Springs(factor @ factor.mT, direction, gain, gate_params)
+
+    def respond(self, springs: Springs, x: dict[str, Tensor]) -> Response:
+        """The two-pass layer on this stage's constants."""
+        contact = x["contacts"][..., 0]
+        return two_pass(springs, x["w_e"], contact, x["j_x"], x["j_q"], self.coord_mask, self.mechanics)
+
+    def forward(self, x: dict[str, Tensor]) -> tuple[Tensor, Springs, Response]:
+        f = self.features(x)
+        springs = self.springs(f)
+        return f, springs, self.respond(springs, x)
+
+    def nominal_response(self, x: dict[str, Tensor]) -> Response:
+        """The analytical model: nominal springs, tendons taut, nothing learned. Raw head outputs are all zero."""
+        y = x["q"].new_zeros(x["q"].shape[0], N_BRANCH * N_HEAD)
+        return self.respond(self.springs_from_head(y), x)
+
+
+class Stage1(nn.Module):
+    """Does the grasp hold? A classifier on f and on what the statics say."""
+
+    def __init__(self, config: ModelConfig, nominal: Nominal) -> None:
+        super().__init__()
+        self.config = config
+        self.backbone = Backbone(config, config.mechanics[0], nominal)
+        self.aux_norm = Normaliser(N_AUX)
+        self.cls1 = nn.Linear(config.width + N_AUX, config.classifier_width)
+        self.cls2 = nn.Linear(config.classifier_width, 1)
+
+    def fit_normalisers(self, x: dict[str, Tensor]) -> None:
+        self.backbone.fit_normalisers(x)
+        with torch.no_grad():
+            self.aux_norm.fit(self._aux(self.backbone.nominal_response(x)))
+            # The gates of the untrained model hardly vary: centre and scale them by their range instead.
+            self.aux_norm.mean[-N_BRANCH:] = 0.5
+            self.aux_norm.inv_std[-N_BRANCH:] = 2.0
+
+    def _aux(self, r: Response) -> Tensor:
+        """Mechanics features (N, 15)."""
+        diag = torch.log(torch.diagonal(r.k_scaled, dim1=-2, dim2=-1))  # (N, 6)
+        return torch.cat([slog(r.x_scaled, self.config.displacement_log_scale), diag, r.gate], -1)
+
+    def forward(self, x: dict[str, Tensor]) -> tuple[Tensor, Springs, Response]:
+        """Logit (N), springs, response."""
+        f, springs, r = self.backbone(x)
+        hidden = torch.relu(self.cls1(torch.cat([f, self.aux_norm(self._aux(r))], -1)))  # (N, HD)
+        return self.cls2(hidden).squeeze(-1), springs, r
+
+
+class Stage2(nn.Module):
+    """How far does the tool move, if the grasp holds?"""
+
+    def __init__(self, config: ModelConfig, nominal: Nominal) -> None:
+        super().__init__()
+        self.backbone = Backbone(config, config.mechanics[1], nominal)
+
+    def fit_normalisers(self, x: dict[str, Tensor]) -> None:
+        self.backbone.fit_normalisers(x)
+
+    def forward(self, x: dict[str, Tensor]) -> tuple[Tensor, Springs, Response]:
+        _, springs, r = self.backbone(x)
+        return r.dx, springs, r
+
+
+class Aminn(nn.Module):
+    """The cascade. SI in, SI out; both stages are always computed here, the caller applies tau."""
+
+    kind = "aminn"
+
+    def __init__(self, config: ModelConfig, nominal: Nominal) -> None:
+        super().__init__()
+        self.config, self.nominal = config, nominal
+        self.stage1 = Stage1(config, nominal)
+        self.stage2 = Stage2(config, nominal)
+
+    def forward(
+        self, q: Tensor, x_ht: Tensor, w_e: Tensor, contacts: Tensor, j_x: Tensor, j_q: Tensor
+    ) -> dict[str, Tensor]:
+        """p_stable (N), dx_ht (N, 6), k_x (N, 6, 6), gate (N, 3); shapes of the inputs in `dims.INPUT_SHAPES`."""
+        out = self.debug(q, x_ht, w_e, contacts, j_x, j_q)
+        return {name: out[name] for name in ("p_stable", "dx_ht", "k_x", "gate")}
+
+    def debug(
+        self, q: Tensor, x_ht: Tensor, w_e: Tensor, contacts: Tensor, j_x: Tensor, j_q: Tensor
+    ) -> dict[str, Tensor]:
+        """The same and every intermediate of both stages (`dims.DEBUG_SHAPES`, s1_ and s2_ before the name)."""
+        x = dict(q=q, x_ht=x_ht, w_e=w_e, contacts=contacts, j_x=j_x, j_q=j_q)
+        logit, springs1, r1 = self.stage1(x)
+        dx, springs2, r2 = self.stage2(x)
+        out = {"p_stable": torch.sigmoid(logit), "dx_ht": dx, "k_x": r2.k_x, "gate": r2.gate}
+        for prefix, springs, r in (("s1_", springs1, r1), ("s2_", springs2, r2)):
+            out |= {prefix + name: value for name, value in springs._asdict().items()}
+            out |= {prefix + name: getattr(r, name) for name in ("dx0", "dq0", "gate", "k_x", "dx")}
+        return out
+
+
+def scaled_pose(dx: Tensor) -> Tensor:
+    """Displacement with rotations times L = 0.1 m: (..., 6) in m."""
+    return dx / length_scaling(dx)
