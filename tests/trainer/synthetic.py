@@ -81,9 +81,7 @@ def draw_inputs(rng: np.random.Generator, h: dict) -> dict[str, np.ndarray]:
     normal = -offsets / np.linalg.norm(offsets, axis=1, keepdims=True)
     j_x, j_q = closure(h, q, tool, contact)
     contacts = np.hstack([np.ones((3, 1)), contact, normal, rng.uniform(2, 8, (3, 1))])
-    return dict(
-        q=q, x_ht=np.concatenate([tool, rng.uniform(-0.5, 0.5, 3)]), contacts=contacts, j_x=j_x, j_q=j_q
-    )
+    return dict(q=q, x_ht=np.concatenate([tool, rng.uniform(-0.5, 0.5, 3)]), contacts=contacts, j_x=j_x, j_q=j_q)
 
 
 def draw_wrench(rng: np.random.Generator) -> np.ndarray:

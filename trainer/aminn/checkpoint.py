@@ -44,7 +44,7 @@ def write_atomically(path: Path, data: bytes) -> None:
 
 def write_json(path: Path, value: dict) -> None:
     """Write a JSON file with sorted keys, atomically."""
-    write_atomically(path, (json.dumps(value, indent=1, sort_keys=True) + "\n").encode())
+    write_atomically(path, (json.dumps(value, indent=1, sort_keys=True, allow_nan=False) + "\n").encode())
 
 
 def build_model(kind: str, config: ModelConfig, nominal: Nominal) -> Aminn | Mlp:
@@ -81,9 +81,7 @@ def load_checkpoint(path: Path) -> Checkpoint:
     weights, meta_file = path / WEIGHTS, path / META
     for file in (weights, meta_file):
         if not file.is_file():
-            raise AminnError(
-                f"{path}: {file.name} is missing; a checkpoint is a folder that `aminn train` wrote"
-            )
+            raise AminnError(f"{path}: {file.name} is missing; a checkpoint is a folder that `aminn train` wrote")
     try:
         meta = json.loads(meta_file.read_text())
         if meta["format_version"] != FORMAT_VERSION:

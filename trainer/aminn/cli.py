@@ -34,17 +34,13 @@ def main() -> None:
 
 
 @main.command()
-@click.option(
-    "--out", type=FOLDER, required=True, help="Folder of the data set; an unfinished one is gone on with."
-)
+@click.option("--out", type=FOLDER, required=True, help="Folder of the data set; an unfinished one is gone on with.")
 @click.option("--grasps", type=click.IntRange(1), default=400, show_default=True, help="Number of grasps.")
 @click.option("--cases", type=click.IntRange(1), default=16, show_default=True, help="Load cases per grasp.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @click.option("--threads", type=click.IntRange(1), default=None, help="Worker threads  [default: all cores]")
 @click.option("--shard-grasps", type=click.IntRange(1), default=None, help="Grasps per shard.")
-def simulate(
-    out: Path, grasps: int, cases: int, seed: int, threads: int | None, shard_grasps: int | None
-) -> None:
+def simulate(out: Path, grasps: int, cases: int, seed: int, threads: int | None, shard_grasps: int | None) -> None:
     """Simulate grasps under load and write a labelled data set."""
     from .stages import run_simulation
 
@@ -54,9 +50,7 @@ def simulate(
 
 @main.command()
 @click.option("--data", type=EXISTING, required=True, help="Folder that `aminn simulate` wrote.")
-@click.option(
-    "--out", type=FOLDER, required=True, help="Folder of the checkpoint; an unfinished run is gone on with."
-)
+@click.option("--out", type=FOLDER, required=True, help="Folder of the checkpoint; an unfinished run is gone on with.")
 @click.option("--model", "kind", type=click.Choice(["aminn", "mlp"]), default="aminn", show_default=True)
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @click.option("--epochs", type=click.IntRange(1), default=None, help="Passes over the data, each stage.")
@@ -68,19 +62,13 @@ def train(data: Path, out: Path, kind: str, seed: int, epochs: int | None) -> No
 
     settings = {"kind": kind, "seed": seed} | ({"epochs": epochs} if epochs else {})
     checkpoint = run(TrainConfig(**settings), load_dataset(data), out)
-    click.echo(
-        f"{kind}: {checkpoint.meta['n_parameters']} parameters, tau {checkpoint.meta['tau']:.4f}, in {out}"
-    )
+    click.echo(f"{kind}: {checkpoint.meta['n_parameters']} parameters, tau {checkpoint.meta['tau']:.4f}, in {out}")
 
 
 @main.command()
 @click.option("--data", type=EXISTING, required=True, help="The data set that the models were trained on.")
-@click.option(
-    "--run", "runs", type=EXISTING, multiple=True, required=True, help="Checkpoint folder; may be repeated."
-)
-@click.option(
-    "--split", default="test", show_default=True, type=click.Choice(["train", "validation", "test"])
-)
+@click.option("--run", "runs", type=EXISTING, multiple=True, required=True, help="Checkpoint folder; may be repeated.")
+@click.option("--split", default="test", show_default=True, type=click.Choice(["train", "validation", "test"]))
 @click.option("--json", "json_file", type=NEW_FILE, help="Write every figure here, as flat keys.")
 def evaluate(data: Path, runs: tuple[Path, ...], split: str, json_file: Path | None) -> None:
     """Print the figures of trained models beside the analytical model, no motion and the ground truth."""
@@ -101,9 +89,7 @@ def evaluate(data: Path, runs: tuple[Path, ...], split: str, json_file: Path | N
 @click.option("--run", "checkpoint", type=EXISTING, required=True, help="Folder of an AMINN checkpoint.")
 @click.option("--data", type=EXISTING, required=True, help="Data set to draw the golden vectors from.")
 @click.option("--out", type=FOLDER, required=True)
-@click.option(
-    "--prefix", default="aminn_model", show_default=True, help="Symbol prefix and file name of the C model."
-)
+@click.option("--prefix", default="aminn_model", show_default=True, help="Symbol prefix and file name of the C model.")
 def export(checkpoint: Path, data: Path, out: Path, prefix: str) -> None:
     """Write aminn.onnx, aminn_debug.onnx, the C model, its binary form and golden vectors."""
     from .stages import run_export
@@ -113,9 +99,7 @@ def export(checkpoint: Path, data: Path, out: Path, prefix: str) -> None:
 
 
 @main.command()
-@click.option(
-    "--export", "export_dir", type=EXISTING, required=True, help="Folder that `aminn export` wrote."
-)
+@click.option("--export", "export_dir", type=EXISTING, required=True, help="Folder that `aminn export` wrote.")
 @click.option("--data", type=EXISTING, required=True, help="Data set to replay.")
 @click.option(
     "--build",
@@ -125,14 +109,10 @@ def export(checkpoint: Path, data: Path, out: Path, prefix: str) -> None:
     show_default=True,
     help="Compiled runtime.",
 )
-@click.option(
-    "--samples", type=click.IntRange(1), default=1000, show_default=True, help="Replay at least so many."
-)
+@click.option("--samples", type=click.IntRange(1), default=1000, show_default=True, help="Replay at least so many.")
 @click.option("--firmware", is_flag=True, help="Also on the emulated Cortex-M7.")
 @click.option("--json", "json_file", type=NEW_FILE, help="Write the differences here, as flat keys.")
-def verify(
-    export_dir: Path, data: Path, build_dir: Path, samples: int, firmware: bool, json_file: Path | None
-) -> None:
+def verify(export_dir: Path, data: Path, build_dir: Path, samples: int, firmware: bool, json_file: Path | None) -> None:
     """Replay a data set through ONNX Runtime and the compiled runtime; fail on a mismatch."""
     from .checkpoint import write_json
     from .stages import run_verify
@@ -148,9 +128,7 @@ def verify(
 
 @main.command()
 @click.option("--data", type=EXISTING, required=True, help="The data set that the models were trained on.")
-@click.option(
-    "--run", "runs", type=EXISTING, multiple=True, required=True, help="Checkpoint folder; may be repeated."
-)
+@click.option("--run", "runs", type=EXISTING, multiple=True, required=True, help="Checkpoint folder; may be repeated.")
 @click.option(
     "--verification",
     type=click.Path(path_type=Path, dir_okay=False, exists=True),

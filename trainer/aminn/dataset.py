@@ -98,9 +98,7 @@ def _read_shard(path: Path) -> tuple[dict[str, NDArray], dict[str, NDArray]]:
         if name not in samples:
             raise AminnError(f"{path}: /samples/{name} is missing")
         if samples[name].shape[1:] != shape:
-            raise AminnError(
-                f"{path}: /samples/{name} has rows of shape {samples[name].shape[1:]}, expected {shape}"
-            )
+            raise AminnError(f"{path}: /samples/{name} has rows of shape {samples[name].shape[1:]}, expected {shape}")
     return samples, grasps
 
 

@@ -1,4 +1,4 @@
-"""Every dimension and name order of the Python side. The C side has the same in `aminn_rt.h`; a test compares the two."""
+"""Every dimension and name order of the Python side. `aminn_rt.h` has the C side's; a test compares the two."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures of trained models on a split, beside those of the analytical model, of no motion and of the labels themselves."""
+"""Figures of trained models on a split, beside the analytical model, no motion and the labels themselves."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def no_motion(data: Dataset) -> Prediction:
 
 
 def label_figures(data: Dataset) -> dict[str, float]:
-    """The labels' own figures: stable share, passivity, and how far the tool still moves in the last half of the hold."""
+    """The labels' own figures: stable share, passivity, and the motion left in the second half of the hold."""
     s = data.samples
     stable = s["stable"] > 0
     noise = displacement_figures(s["dx_ht_early"][stable], s["dx_ht"][stable])
@@ -109,12 +109,12 @@ def evaluate(checkpoints: list[Checkpoint], dataset: Dataset, split: str = "test
     return Evaluation(split, table, label_figures(data), {p.name: p for p in predictions}, data)
 
 
-def flat_report(evaluation: Evaluation) -> dict[str, float | str]:
-    """The evaluation as flat keys, `<model>_<figure>` and `label_<figure>`."""
-    report: dict[str, float | str] = {"split": evaluation.split}
-    for name, figures in evaluation.table.items():
-        report |= {f"{name}_{key}": value for key, value in figures.items()}
-    return report | {f"label_{key}": value for key, value in evaluation.labels.items()}
+def flat_report(evaluation: Evaluation) -> dict[str, float | str | None]:
+    """The evaluation as flat keys, `<model>_<figure>` and `label_<figure>`; None where there is nothing to average."""
+    report: dict[str, float | str | None] = {"split": evaluation.split}
+    for name, figures in (*evaluation.table.items(), ("label", evaluation.labels)):
+        report |= {f"{name}_{key}": value if np.isfinite(value) else None for key, value in figures.items()}
+    return report
 
 
 TABLE_COLUMNS = {

@@ -63,9 +63,7 @@ def export_tables(checkpoint: Checkpoint) -> ExportedModel:
     tensors |= {f"geom_{name}": np.asarray(getattr(model.nominal, name)) for name in geometry}
     stages = [asdict(m) for m in model.config.mechanics]
     if stages[0]["dq0"] != stages[1]["dq0"]:
-        raise AminnError(
-            f"{checkpoint.path}: the stages differ in dq0; an exported model has one form for both"
-        )
+        raise AminnError(f"{checkpoint.path}: the stages differ in dq0; an exported model has one form for both")
     meta = {
         "format_version": FORMAT_VERSION,
         "branches": list(BRANCHES),

@@ -23,7 +23,7 @@ class LossWeights:
     rotation: float = 1.0
     """On the geodesic angle, rad."""
     relative: float = 0.02
-    """Motion (pose size, dimensionless) above which an error counts by its share of the motion rather than by its size."""
+    """Pose size above which an error counts by its share of the motion rather than by its size."""
     gate: float = 1e-4
     """On mean g (1 - g): gates that are open or shut."""
     tendon: float = 1e-5
@@ -39,9 +39,7 @@ def geodesic_angle(a: Tensor, b: Tensor) -> Tensor:
     """Angle (N) between rotation vectors a and b (N, 3), smooth at zero."""
     qa, qb = _quaternion(a), _quaternion(b)
     scalar = (qa * qb).sum(-1)
-    vector = (
-        qa[..., :1] * qb[..., 1:] - qb[..., :1] * qa[..., 1:] - torch.linalg.cross(qa[..., 1:], qb[..., 1:])
-    )
+    vector = qa[..., :1] * qb[..., 1:] - qb[..., :1] * qa[..., 1:] - torch.linalg.cross(qa[..., 1:], qb[..., 1:])
     return 2 * torch.atan2(torch.sqrt((vector * vector).sum(-1) + 1e-14), scalar.abs())
 
 

@@ -116,10 +116,10 @@ def two_pass(
 ) -> Response:
     """Displacement under w_e (N, 6) with contact (N, 3), j_x (N, 3, 3, 6), j_q (N, 3, 3, 3), coord_mask (3, 3).
 
-    Pass 1 takes the springs alone and finds how far each tendon would be stretched; the gates follow from that, and pass
-    2 adds the engaged tendons. K_x is SPD, so w.dx > 0 for every wrench that is not zero. The arithmetic is in float64
-    whatever the inputs are (the results come back in the type of w_e): forming K_x squares the conditioning, which the
-    exported models avoid by the square-root form of docs/mechanics.md.
+    Pass 1 takes the springs alone and finds how far each tendon would be stretched. The gates follow from that, and
+    pass 2 adds the engaged tendons. K_x is SPD, so w.dx > 0 for every wrench that is not zero. The arithmetic is in
+    float64 whatever the inputs are (results come back in the type of w_e): forming K_x squares the conditioning, which
+    the exported models avoid by the square-root form of docs/mechanics.md.
     """
     dtype = w_e.dtype
     springs = Springs(*(t.double() for t in springs))
@@ -140,9 +140,7 @@ def two_pass(
     return Response(*(t.to(dtype) for t in response))
 
 
-def dense_stiffness(
-    k_q: Tensor, contact: Tensor, j_x: Tensor, j_q: Tensor, config: MechanicsConfig
-) -> Tensor:
+def dense_stiffness(k_q: Tensor, contact: Tensor, j_x: Tensor, j_q: Tensor, config: MechanicsConfig) -> Tensor:
     """K_x (N, 6, 6) by the undivided 9x9 algebra of the paper; the tests hold it against the sum over branches.
 
     A branch out of contact is left out of the stacked matrices by scaling its rows of J_x.

@@ -6,6 +6,8 @@ sqrt(|dp|^2 / L^2 + theta^2) with L = 0.1 m and theta the geodesic angle between
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -86,16 +88,14 @@ def displacement_figures(pred: Array, true: Array) -> dict[str, float]:
         "relative_error_p90": _quantile(relative, 0.9),
     }
     edges = (0.0, *SIZE_EDGES, np.inf)
-    for k, (low, high) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+    for k, (low, high) in enumerate(pairwise(edges)):
         inside = (size >= low) & (size < high)
         figures[f"rmse_pose_size{k}"] = rms(error[inside])
         figures[f"n_size{k}"] = int(inside.sum())
     return figures
 
 
-def all_figures(
-    w_e: Array, dx_true: Array, stable_true: Mask, dx_pred: Array, stable_pred: Mask
-) -> dict[str, float]:
+def all_figures(w_e: Array, dx_true: Array, stable_true: Mask, dx_pred: Array, stable_pred: Mask) -> dict[str, float]:
     """Every figure of one model on one split.
 
     `rmse_*` are over samples truly stable and predicted stable; the same with `_all` are over all truly stable ones.
@@ -117,7 +117,7 @@ def choose_tau(p: Array, stable_true: Mask, error: Array, f1_slack: float = 0.00
     """Threshold on a score p (n) from validation data (the paper's operating point).
 
     Among thresholds whose F1 is within `f1_slack` of the best, the one with the least RMSE of `error` (n) over samples
-    truly and predicted stable. Thresholds lie halfway between two neighbouring scores, so that rounding flips no sample.
+    truly and predicted stable. Thresholds lie halfway between neighbouring scores, so that rounding flips no sample.
     """
     scores = np.unique(p)
     if len(scores) < 2:

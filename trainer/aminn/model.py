@@ -1,7 +1,7 @@
 """The AMINN cascade: a network that predicts springs and tendons, and the mechanics layer that turns them into motion.
 
-One `Backbone` per stage: contact summary and global state give a feature f, a linear head gives 13 numbers a branch, and
-these are corrections to the nominal springs and tendons of the hand, so that an untrained model is the analytical one.
+One `Backbone` per stage: contact summary and global state give a feature f, a linear head gives 13 numbers a branch.
+These are corrections to the nominal springs and tendons of the hand, so that an untrained model is the analytical one.
 Everything between SI inputs and SI outputs is inside, normalisation too. The shape of each tensor stands on its line.
 """
 
@@ -21,9 +21,7 @@ N_BRANCH_FEATURE = N_CONTACT_FEATURE + 3 * N_COORD  # contact row and the branch
 N_CONTACT_INPUT = N_BRANCH * N_BRANCH_FEATURE
 N_GLOBAL_INPUT = N_JOINT + 3 * N_WRENCH  # q, x_ht, w_e, w_e in signed logarithm
 N_HEAD = 13  # per branch: 3 + 3 of the Cholesky factor, 3 direction, gain, alpha, beta, rho
-N_AUX = (
-    2 * N_WRENCH + N_BRANCH
-)  # what stage 1's classifier sees of the statics: motion, diagonal of K_x, gates
+N_AUX = 2 * N_WRENCH + N_BRANCH  # what stage 1's classifier sees of the statics: motion, diagonal of K_x, gates
 
 
 @dataclass(frozen=True)

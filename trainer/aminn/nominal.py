@@ -44,9 +44,7 @@ def nominal_from_hand(hand: dict) -> Nominal:
     """Read the `hand` entry of a manifest. Raises AminnError if it does not describe a three-branch hand."""
     joints = tuple(tuple(row) for row in hand["branch_joints"])
     if joints != BRANCH_JOINTS:
-        raise AminnError(
-            f"manifest: hand.branch_joints is {joints}, this version knows {BRANCH_JOINTS} alone"
-        )
+        raise AminnError(f"manifest: hand.branch_joints is {joints}, this version knows {BRANCH_JOINTS} alone")
     mask = (np.asarray(BRANCH_JOINTS) >= 0).astype(float)
     chol, directions, gains = np.zeros((N_BRANCH, 6)), np.zeros((N_BRANCH, N_COORD)), np.zeros(N_BRANCH)
     for b in range(N_BRANCH):

@@ -12,9 +12,7 @@ from .dataset import Dataset
 CHUNK = 4096
 
 
-def predict(
-    model: nn.Module, dataset: Dataset, dtype: torch.dtype = torch.float32
-) -> dict[str, NDArray[np.float64]]:
+def predict(model: nn.Module, dataset: Dataset, dtype: torch.dtype = torch.float32) -> dict[str, NDArray[np.float64]]:
     """The model's outputs over all samples, as float64. `dtype` is that of the inputs; the model must match it."""
     x = dataset.inputs(dtype)
     with torch.no_grad():

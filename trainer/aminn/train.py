@@ -181,9 +181,7 @@ def _learning_rate(config: TrainConfig, progress: float) -> float:
     return config.learning_rate * 0.5 * (1 + np.cos(np.pi * (progress - warm_up) / (1 - warm_up)))
 
 
-def _epoch(
-    stage: _Stage, stage_index: int, epoch: int, config: TrainConfig, optimiser: torch.optim.AdamW
-) -> float:
+def _epoch(stage: _Stage, stage_index: int, epoch: int, config: TrainConfig, optimiser: torch.optim.AdamW) -> float:
     """One pass over the training data; the mean loss."""
     x, y = stage.train
     seed = int(np.random.SeedSequence([config.seed, stage_index, epoch]).generate_state(1)[0])
@@ -213,9 +211,7 @@ def _train_stage(
     bar_position: int,
 ) -> None:
     """Train one stage and leave the weights of its best epoch in the module. `progress` gathers the history."""
-    optimiser = torch.optim.AdamW(
-        stage.module.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay
-    )
+    optimiser = torch.optim.AdamW(stage.module.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay)
     history = progress["history"].setdefault(stage.name, {"train": [], "validation": []})
     best = stage.module.state_dict()
     if state is not None:
@@ -228,17 +224,13 @@ def _train_stage(
         with torch.no_grad():
             loss = stage.loss(*stage.validation).item()
         if not np.isfinite(loss):
-            raise AminnError(
-                f"{stage.name}, epoch {epoch}: the validation loss is {loss}; lower the learning rate"
-            )
+            raise AminnError(f"{stage.name}, epoch {epoch}: the validation loss is {loss}; lower the learning rate")
         if loss < min(history["validation"], default=np.inf):
             best = {k: v.clone() for k, v in stage.module.state_dict().items()}
         history["validation"].append(loss)
         bar.set_postfix(train=f"{history['train'][-1]:.5f}", validation=f"{loss:.5f}")
         progress["total_epochs"] = stage_index * config.epochs + epoch + 1
-        tensors = (
-            _prefixed("model.", model.state_dict()) | _prefixed("best.", best) | _optimiser_state(optimiser)
-        )
+        tensors = _prefixed("model.", model.state_dict()) | _prefixed("best.", best) | _optimiser_state(optimiser)
         run.save(tensors | {"epoch": torch.tensor(progress["total_epochs"])}, progress)
     stage.module.load_state_dict(best)
 

@@ -1,0 +1,75 @@
+"""Reading data: what is wrong is said, and no grasp stands in two splits."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from aminn.dataset import SPLITS, Dataset, load_dataset, split_of
+from aminn.errors import AminnError
+
+
+def test_splits_share_no_grasp_and_cover_all(dataset: Dataset) -> None:
+    ids = [set(dataset.split(name).samples["grasp_id"]) for name in SPLITS]
+    assert sum(len(dataset.split(name)) for name in SPLITS) == len(dataset)
+    assert not (ids[0] & ids[1] or ids[0] & ids[2] or ids[1] & ids[2])
+    assert all(ids)
+
+
+def test_split_does_not_change_when_data_grows() -> None:
+    few, many = np.arange(100), np.arange(1000)
+    np.testing.assert_array_equal(split_of(few), split_of(many)[:100])
+    shares = np.bincount(split_of(many)) / 1000
+    np.testing.assert_allclose(shares, [0.70, 0.15, 0.15], atol=0.05)
+
+
+@pytest.fixture
+def copy(data_dir: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(data_dir, tmp_path / "copy"))
+
+
+def break_manifest(path: Path) -> None:
+    (path / "manifest.json").write_text("{")
+
+
+def other_schema(path: Path) -> None:
+    manifest = json.loads((path / "manifest.json").read_text())
+    (path / "manifest.json").write_text(json.dumps(manifest | {"schema_version": 99}))
+
+
+def truncate_shard(path: Path) -> None:
+    shard = path / "shard-00000.h5"
+    shard.write_bytes(shard.read_bytes()[:1000])
+
+
+def put_nan(path: Path) -> None:
+    with h5py.File(path / "shard-00000.h5", "r+") as file:
+        file["samples/w_e"][3, 2] = np.nan
+
+
+def drop_field(path: Path) -> None:
+    with h5py.File(path / "shard-00000.h5", "r+") as file:
+        del file["samples/j_x"]
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda p: (p / "manifest.json").unlink(), "no manifest.json"),
+        (break_manifest, "not valid JSON"),
+        (other_schema, "schema_version is 99"),
+        (lambda p: (p / "shard-00000.h5").unlink(), "missing"),
+        (truncate_shard, "not a readable shard"),
+        (put_nan, "w_e is not finite in sample 3"),
+        (drop_field, "/samples/j_x is missing"),
+    ],
+)
+def test_damaged_data_gives_a_clear_error(copy: Path, damage, message: str) -> None:
+    damage(copy)
+    with pytest.raises(AminnError, match=message):
+        load_dataset(copy)

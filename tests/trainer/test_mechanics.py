@@ -1,0 +1,122 @@
+"""The two-pass layer against the undivided algebra, finite differences, and its own limits."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from synthetic import draw_inputs, draw_wrench, hand
+from torch import Tensor
+
+from aminn.dims import LENGTH_SCALE_M
+from aminn.mechanics import MechanicsConfig, Springs, dense_stiffness, inverse_3x3, two_pass
+from aminn.nominal import nominal_from_hand
+
+N = 200
+MASK = torch.tensor(nominal_from_hand(hand()).coord_mask)
+
+
+@pytest.fixture(scope="module")
+def x() -> dict[str, Tensor]:
+    rng = np.random.default_rng(3)
+    rows = [draw_inputs(rng, hand()) | {"w_e": draw_wrench(rng)} for _ in range(N)]
+    return {k: torch.tensor(np.stack([r[k] for r in rows])) for k in rows[0]}
+
+
+@pytest.fixture(scope="module")
+def springs() -> Springs:
+    """Random SPD springs, decoupled in the thumb's absent roll coordinate."""
+    g = torch.Generator().manual_seed(1)
+    factor = 0.1 * torch.randn(N, 3, 3, 3, generator=g, dtype=torch.float64)
+    k = factor @ factor.mT + 0.1 * torch.eye(3, dtype=torch.float64)
+    coupled = MASK[:, :, None] * MASK[:, None, :]
+    k = k * coupled + torch.diag_embed(1 - MASK)
+    d = torch.nn.functional.normalize(torch.randn(N, 3, 3, generator=g, dtype=torch.float64) * MASK, dim=-1)
+    gate = torch.tensor([20.0, 0.01, 0.5], dtype=torch.float64).expand(N, 3, 3)
+    return Springs(k, d, torch.full((N, 3), 0.4, dtype=torch.float64), gate)
+
+
+def respond(springs: Springs, x: dict[str, Tensor], config: MechanicsConfig, contact: Tensor | None = None):
+    contact = x["contacts"][..., 0] if contact is None else contact
+    return two_pass(springs, x["w_e"], contact, x["j_x"], x["j_q"], MASK, config)
+
+
+def test_inverse_3x3() -> None:
+    m = torch.randn(50, 3, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
+    assert torch.allclose(inverse_3x3(m), torch.linalg.inv(m), rtol=1e-9, atol=1e-9)
+
+
+def test_sum_over_branches_is_the_dense_form(x: dict[str, Tensor], springs: Springs) -> None:
+    config, contact = MechanicsConfig(), x["contacts"][..., 0].clone()
+    contact[::3, 1] = 0.0
+    r = respond(springs, x, config, contact)
+    dense = dense_stiffness(springs.k_spring + r.k_tendon, contact, x["j_x"], x["j_q"], config)
+    assert torch.allclose(r.k_x, dense, rtol=1e-8, atol=1e-8)
+    assert torch.allclose((dense @ r.dx.unsqueeze(-1)).squeeze(-1), x["w_e"], rtol=1e-6, atol=1e-7)
+
+
+def test_stiffness_is_spd_and_work_is_positive(x: dict[str, Tensor], springs: Springs) -> None:
+    r = respond(springs, x, MechanicsConfig())
+    assert torch.linalg.eigvalsh(r.k_scaled).min() > 0
+    assert ((x["w_e"] * r.dx).sum(-1) > 0).all()
+
+
+def test_pass_one_joint_deflection_closes_the_loop(x: dict[str, Tensor], springs: Springs) -> None:
+    """A dx = B dq + eps_M lambda: with a stiff contact the joints account for all of the tool's motion."""
+    r = respond(springs, x, MechanicsConfig(eps_m=1e-9, eps_kx=1e-9))
+    tip = (x["j_x"] @ r.dx0[:, None, :, None]).squeeze(-1)
+    joint = -(x["j_q"] @ r.dq0.unsqueeze(-1)).squeeze(-1)
+    assert (tip - joint).abs().max() < 1e-5 * tip.abs().max()
+
+
+def test_both_forms_of_dq0_agree_where_the_finger_is_not_straight(x: dict[str, Tensor], springs: Springs) -> None:
+    sharp = dict(eps_m=1e-9, eps_kx=1e-9, eps_jq=1e-9)
+    bent = torch.linalg.cond(x["j_q"][:, :2]) < 50
+    assert bent.sum() > N
+    statics = respond(springs, x, MechanicsConfig(**sharp)).dq0[:, :2][bent]
+    inverse = respond(springs, x, MechanicsConfig(**sharp, dq0="inverse")).dq0[:, :2][bent]
+    assert ((statics - inverse).norm(dim=-1) / statics.norm(dim=-1)).max() < 1e-4
+
+
+def test_branch_out_of_contact_leaves_exactly_and_smoothly(x: dict[str, Tensor], springs: Springs) -> None:
+    config, contact = MechanicsConfig(), x["contacts"][..., 0].clone()
+    contact[:, 2] = 0.0
+    r = respond(springs, x, config, contact)
+    other = x | {"j_x": x["j_x"].clone(), "j_q": x["j_q"].clone()}
+    other["j_x"][:, 2], other["j_q"][:, 2] = 7.0, -3.0
+    assert torch.equal(r.k_x, respond(springs, other, config, contact).k_x)
+    contact[:, 2] = 1e-13
+    assert torch.allclose(r.k_x, respond(springs, x, config, contact).k_x, rtol=1e-6, atol=1e-6)
+
+
+def test_thumb_coordinate_that_does_not_exist_has_no_effect(x: dict[str, Tensor], springs: Springs) -> None:
+    k = springs.k_spring.clone()
+    k[:, 2, 0, 0] = 55.0
+    a, b = respond(springs, x, MechanicsConfig()), respond(springs._replace(k_spring=k), x, MechanicsConfig())
+    assert torch.allclose(a.dx, b.dx, rtol=1e-12)
+    assert (a.dq0[:, 2, 0] == 0).all()
+
+
+def test_gates_engage_the_tendon_that_is_stretched(x: dict[str, Tensor], springs: Springs) -> None:
+    """Tendons along the joint deflection of pass 1 open the gates; against it they shut, and the tool moves more."""
+    config = MechanicsConfig()
+    dq0 = respond(springs, x, config).dq0
+    along = torch.nn.functional.normalize(dq0, dim=-1)
+    steep = torch.tensor([1e6, 0.0, 0.0], dtype=torch.float64).expand(N, 3, 3)
+    taut = respond(springs._replace(tendon_dir=along, gate_params=steep), x, config)
+    slack = respond(springs._replace(tendon_dir=-along, gate_params=steep), x, config)
+    assert taut.gate.min() > 0.5 > slack.gate.max()
+    work = [(x["w_e"] * r.dx).sum(-1) for r in (taut, slack)]
+    assert (work[0] < work[1]).all()
+
+
+def test_gradients(x: dict[str, Tensor], springs: Springs) -> None:
+    few = {k: v[:2] for k, v in x.items()}
+    factor = torch.linalg.cholesky(springs.k_spring)
+    leaves = [t[:2].clone().requires_grad_() for t in (factor, *springs[1:])]
+    scale = torch.tensor([1.0] * 3 + [LENGTH_SCALE_M] * 3, dtype=torch.float64)
+
+    def dx(low: Tensor, *others: Tensor) -> Tensor:
+        return 1e3 * respond(Springs(low @ low.mT, *others), few, MechanicsConfig()).dx * scale
+
+    assert torch.autograd.gradcheck(dx, leaves, eps=1e-7, atol=1e-4, rtol=1e-3)

@@ -1,0 +1,61 @@
+"""Figures of merit on cases whose answer is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from aminn import losses, metrics
+
+
+def test_geodesic_angle_matches_rotation_matrices() -> None:
+    rng = np.random.default_rng(0)
+    a, b = rng.normal(size=(2, 100, 3))
+    skew = lambda v: np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])  # noqa: E731
+    matrix = lambda v: torch.linalg.matrix_exp(torch.tensor(skew(v))).numpy()  # noqa: E731
+    expected = [
+        np.arccos(np.clip((np.trace(matrix(u).T @ matrix(v)) - 1) / 2, -1, 1)) for u, v in zip(a, b, strict=True)
+    ]
+    np.testing.assert_allclose(metrics.geodesic_angle(a, b), expected, atol=1e-7)
+    mine = losses.geodesic_angle(torch.tensor(a), torch.tensor(b)).numpy()
+    np.testing.assert_allclose(mine, expected, atol=1e-6)
+
+
+def test_geodesic_angle_of_small_rotations_is_exact() -> None:
+    a = np.array([[1e-9, 0, 0]])
+    np.testing.assert_allclose(metrics.geodesic_angle(a, -a), [2e-9], rtol=1e-12)
+
+
+def test_pose_error_units() -> None:
+    zero, pred = np.zeros((2, 6)), np.array([[0.01, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0.1, 0]])
+    np.testing.assert_allclose(metrics.pose_error(pred, zero), [0.1, 0.1])
+    figures = metrics.displacement_figures(zero, pred)
+    assert figures["rmse_mm"] == pytest.approx(10 / np.sqrt(2))
+    assert figures["rmse_deg"] == pytest.approx(np.rad2deg(0.1) / np.sqrt(2))
+    assert figures["rmse_to_no_motion"] == pytest.approx(1)
+    assert figures["relative_error_median"] == pytest.approx(1)
+    assert figures["n_size3"] == 2 and np.isnan(figures["rmse_pose_size0"])
+
+
+def test_f1_and_passivity() -> None:
+    true, pred = np.array([1, 1, 1, 0], bool), np.array([1, 1, 0, 1], bool)
+    assert metrics.f1_score(pred, true) == pytest.approx(2 * 2 / 6)
+    w = np.array([[1.0, 0, 0, 0, 0, 1]] * 4)
+    dx = np.array([[-1.0, 0, 0, 0, 0, 2], [1, 0, 0, 0, 0, -2], [-9, 0, 0, 0, 0, -9], [1, 0, 0, 0, 0, 1]])
+    assert metrics.violation_rate(w, dx, pred, full=False) == pytest.approx(1 / 3)
+    assert metrics.violation_rate(w, dx, pred, full=True) == pytest.approx(1 / 3)
+
+
+def test_tau_separates_and_keeps_its_distance() -> None:
+    p = np.array([0.1, 0.2, 0.3, 0.7, 0.8, 0.9])
+    tau = metrics.choose_tau(p, p > 0.5, np.ones(6))
+    assert tau == pytest.approx(0.5)
+
+
+def test_tau_prefers_the_threshold_with_less_error() -> None:
+    """Dropping a truly stable sample with a large error costs little F1 and much RMSE."""
+    p = np.linspace(0.5, 1, 400)
+    stable, error = np.ones(400, bool), np.ones(400)
+    error[0] = 100.0
+    assert metrics.choose_tau(p, stable, error) > p[0]

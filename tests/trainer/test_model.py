@@ -1,0 +1,73 @@
+"""The cascade: an untrained model is the analytical one, shapes and names are as documented, budgets match."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from synthetic import hand
+
+from aminn.baseline import Mlp, n_parameters
+from aminn.dataset import Dataset
+from aminn.dims import DEBUG_SHAPES, OUTPUT_SHAPES
+from aminn.mechanics import DQ0_KINDS, MechanicsConfig
+from aminn.model import Aminn, ModelConfig
+from aminn.nominal import CHOL_COLS, CHOL_ROWS, nominal_from_hand
+
+NOMINAL = nominal_from_hand(hand())
+
+
+def test_nominal_hand_is_springs_and_taut_tendons() -> None:
+    h = hand()
+    for b in range(3):
+        factor = np.zeros((3, 3))
+        factor[CHOL_ROWS, CHOL_COLS] = NOMINAL.chol[b]
+        d = NOMINAL.tendon_dir[b]
+        total = factor @ factor.T + NOMINAL.tendon_gain[b] * np.outer(d, d)
+        expected = np.diag(np.where(NOMINAL.coord_mask[b] > 0, h["joint_stiffness_Nm_rad"][b], 1.0))
+        for tendon in h["tendons"][2 * b : 2 * b + 2]:
+            expected = expected + tendon["stiffness_N_m"] * np.outer(tendon["moment_arm_m"], tendon["moment_arm_m"])
+        np.testing.assert_allclose(total, expected, rtol=1e-12)
+
+
+def test_zero_head_is_the_analytical_model(dataset: Dataset) -> None:
+    model = Aminn(ModelConfig(), NOMINAL)
+    backbone = model.stage2.backbone
+    torch.nn.init.zeros_(backbone.head.weight)
+    x = dataset.inputs()
+    assert torch.equal(model.stage2(x)[0], backbone.nominal_response(x).dx)
+
+
+def test_output_and_debug_shapes(dataset: Dataset) -> None:
+    x = {k: v[:5] for k, v in dataset.inputs().items()}
+    for dq0 in DQ0_KINDS:
+        mechanics = (MechanicsConfig(dq0=dq0),) * 2
+        out = Aminn(ModelConfig(mechanics=mechanics), NOMINAL).debug(**x)
+        shapes = OUTPUT_SHAPES | {f"s{k}_{name}": shape for k in (1, 2) for name, shape in DEBUG_SHAPES.items()}
+        assert {name: tuple(v.shape) for name, v in out.items()} == {n: (5, *s) for n, s in shapes.items()}
+        assert all(torch.isfinite(v).all() for v in out.values())
+
+
+def test_springs_are_spd_and_tendons_are_unit_for_any_head(dataset: Dataset) -> None:
+    backbone = Aminn(ModelConfig(), NOMINAL).stage1.backbone
+    y = 5 * torch.randn(500, 39, generator=torch.Generator().manual_seed(0))
+    s = backbone.springs_from_head(y)
+    assert torch.linalg.eigvalsh(s.k_spring.double()).min() > 0
+    assert torch.allclose(s.tendon_dir.norm(dim=-1), torch.ones(500, 3), atol=1e-3)
+    assert (s.tendon_gain > 0).all()
+    assert (s.tendon_dir[:, 2, 0] == 0).all() and (s.k_spring[:, 2, 0, 1:] == 0).all()
+
+
+def test_contact_less_rows_are_finite(dataset: Dataset) -> None:
+    x = {k: v[:4].clone() for k, v in dataset.inputs().items()}
+    for name in ("contacts", "j_x", "j_q"):
+        x[name][:, 1:] = 0
+    out = Aminn(ModelConfig(), NOMINAL)(**x)
+    assert all(torch.isfinite(v).all() for v in out.values())
+
+
+def test_baseline_has_the_same_budget() -> None:
+    for config in (ModelConfig(), ModelConfig(width=96, contact_width=48)):
+        aminn, mlp = Aminn(config, NOMINAL), Mlp(config, NOMINAL)
+        for stage in ("stage1", "stage2"):
+            a, m = n_parameters(getattr(aminn, stage)), n_parameters(getattr(mlp, stage))
+            assert abs(m / a - 1) < 0.02, (stage, a, m)
