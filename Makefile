@@ -38,8 +38,7 @@ PYTHON_FOLDERS  := $(wildcard sim trainer tools tests runtime)
 .PHONY: help
 help: ## this list
 	@echo "AMINN: grasp stability and in-hand displacement. Targets (each sets itself up; results in build/):"
-	@sed -nE 's/^([a-z-]+):.*## (.*)/  make \1|\2/p' $(MAKEFILE_LIST) | column -t -s '|' 2>/dev/null || \
-	  sed -nE 's/^([a-z-]+):.*## (.*)/  make \1   \2/p' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-9s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
 	@echo "Variables: JOBS=$(JOBS)  UNITY_ROOT=DIR (Unity that is there already)  PIP_ARGS='...' (for pip install)"
 
 .PHONY: demo
