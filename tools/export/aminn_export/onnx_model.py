@@ -1,0 +1,463 @@
+"""Writes `aminn.onnx` and `aminn_debug.onnx` from an exported model's tables.
+
+The graph is built by hand, of standard operators only. Both stages have the same architecture, so they run as one
+graph with a leading stage dimension of 2: half the nodes, and at batch 1 the number of nodes is what ONNX Runtime's
+time depends on. ONNX has no factorisation and no solve. As in the C runtime, no stiffness matrix is formed before it is
+solved with: K_x = V^T V with V the branches' contributions stacked, and Gram-Schmidt on V keeps the accuracy of float32
+that an elimination of K_x would square away. Shapes stand on their lines; S is the stage dimension (2), N the batch.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import onnx
+from numpy.typing import NDArray
+
+from aminn.dims import (
+    BRANCHES,
+    DEBUG_SHAPES,
+    INPUT_SHAPES,
+    JOINTS,
+    N_BRANCH,
+    N_CONTACT_FEATURE,
+    N_COORD,
+    N_WRENCH,
+    OUTPUT_SHAPES,
+)
+from aminn.errors import AminnError
+
+from .onnx_graph import GraphBuilder
+from .tables import STAGES, Exported, pair_of
+
+OPSET = 18
+IR_VERSION = 8
+N_BRANCH_INPUT = N_CONTACT_FEATURE + 3 * N_COORD  # contact row and the branch's block of j_q
+N_CONTACT_INPUT = N_BRANCH * N_BRANCH_INPUT
+# Head outputs of a branch in the model's order, and the order of this graph: what is squashed by tanh stands first.
+HEAD_ORDER = ("ld0", "ld1", "ld2", "lo10", "lo20", "lo21", "d0", "d1", "d2", "k", "al", "be", "rh")
+GRAPH_ORDER = ("ld0", "ld1", "ld2", "k", "al", "lo10", "lo20", "lo21", "d0", "d1", "d2", "be", "rh")
+# Where (l00 l11 l22 l10 l20 l21) stand in a row-major 3x3 matrix.
+CHOL_PLACES = (0, 4, 8, 3, 6, 7)
+# The adjugate of the lower triangular L as signed products of packed entries: (left, right, sign, row, column).
+CHOL_ADJUGATE = (
+    (1, 2, 1, 0, 0),
+    (3, 2, -1, 1, 0),
+    (0, 2, 1, 1, 1),
+    (3, 5, 1, 2, 0),
+    (4, 1, -1, 2, 0),
+    (0, 5, -1, 2, 1),
+    (0, 1, 1, 2, 2),
+)
+# Coordinates that the off-diagonal entries l10 l20 l21 couple.
+CHOL_PAIRS = ((1, 0), (2, 0), (2, 1))
+UNITS = {
+    "q": "rad",
+    "x_ht": "m, rad (rotation vector)",
+    "w_e": "N, N.m",
+    "contacts": "1, m (3), 1 (3), N",
+    "j_x": "1, m",
+    "j_q": "m/rad",
+    "p_stable": "1",
+    "dx_ht": "m, rad (rotation vector)",
+    "k_x": "N/m, N/rad, N.m/rad",
+    "gate": "1",
+    "eps_m": "m/N",
+    "eps_kx": "N/m (translation), N.m/rad (rotation)",
+    "eps_jq": "m/rad",
+}
+
+Array = NDArray[np.float32]
+
+
+def _flat(value: object) -> float | list[float]:
+    """The metadata form of such a constant: a pair where the stages differ, else a number."""
+    first, second = pair_of(value)
+    return first if first == second else [first, second]
+
+
+def onnx_metadata(meta: dict) -> dict[str, str]:
+    """Metadata of the model file: every value is JSON, floats in their shortest exact form."""
+    values = {
+        "format_version": meta["format_version"],
+        "checkpoint_sha256": meta["checkpoint_sha256"],
+        "units": UNITS,
+        "joint_order": list(meta.get("joints", JOINTS)),
+        "branch_order": list(meta.get("branches", BRANCHES)),
+        "branch_joints": [list(row) for row in meta["branch_joints"]],
+        "tau": meta["tau"],
+        "eps_m": _flat(meta["eps_m"]),
+        "eps_kx": _flat(meta["eps_kx"]),
+        "eps_jq": _flat(meta["eps_jq"]),
+        "dq0": meta["dq0"],
+        "length_scale_m": meta["length_scale"],
+        "log_range": meta["log_range"],
+    }
+    return {key: json.dumps(value, sort_keys=True) for key, value in values.items()}
+
+
+def read_metadata(path: Path) -> dict:
+    """The metadata of an ONNX file, decoded."""
+    return {p.key: json.loads(p.value) for p in onnx.load(path).metadata_props}
+
+
+def _adjugate_tables() -> tuple[list[int], Array]:
+    """Picks and signs that turn a flat 3x3 matrix m into its adjugate.
+
+    The picks are 18 left factors, 18 right factors and the first column (for the determinant); the (18, 9) matrix adds
+    the products with their signs. Row i of the adjugate is the cross product of the columns i+1 and i+2.
+    """
+    left, right, signs = [], [], np.zeros((18, 9), np.float32)
+    for i in range(3):
+        b, c = (i + 1) % 3, (i + 2) % 3
+        for j in range(3):
+            y, z = (j + 1) % 3, (j + 2) % 3
+            for sign, p, r in ((1, y, z), (-1, z, y)):
+                signs[len(left), 3 * i + j] = sign
+                left.append(3 * p + b)
+                right.append(3 * r + c)
+    return [*left, *right, 0, 3, 6], signs
+
+
+class _AminnGraph:
+    """Builds the graph of one exported model; each method adds the nodes of one step."""
+
+    def __init__(self, exported: Exported) -> None:
+        self.meta, self.tensors, self.g = exported.meta, exported.tensors, GraphBuilder()
+        length = float(self.meta["length_scale"])
+        self.scale = np.array([1.0] * 3 + [1.0 / length] * 3, np.float32)
+        self.s = self.g.constant("length_scaling", self.scale)
+
+    def both(self, name: str) -> Array:
+        """A table of both stages, stacked: (2, ...)."""
+        return np.stack([self.tensors[f"{stage}.{name}"] for stage in STAGES])
+
+    def slog(self, v: str, scale: Array, name: str) -> str:
+        """sign(v) log(1 + |v| / scale)."""
+        g = self.g
+        size = g.op("Abs", v, name=f"{name}_abs")
+        ratio = g.op("Div", size, g.constant(f"{name}_scale", scale), name=f"{name}_ratio")
+        log = g.op("Log", g.op("Add", ratio, g.constant("one", 1.0), name=f"{name}_plus1"), name=f"{name}_log")
+        return g.op("Mul", g.op("Sign", v, name=f"{name}_sign"), log, name=name)
+
+    def normalised(self, v: str, mean: Array, inv_std: Array, name: str) -> str:
+        """(v - mean) * inv_std."""
+        g = self.g
+        centred = g.op("Sub", v, g.constant(f"{name}_mean", mean), name=f"{name}_centred")
+        return g.op("Mul", centred, g.constant(f"{name}_inv_std", inv_std), name=name)
+
+    def linear(self, v: str, weight: Array, bias: Array, name: str) -> str:
+        """weight v + bias for weights [..., out, in]."""
+        g = self.g
+        product = g.op("MatMul", v, g.constant(f"{name}_w", np.swapaxes(weight, -1, -2)), name=f"{name}_product")
+        return g.op("Add", product, g.constant(f"{name}_b", bias), name=name)
+
+    def dense(self, v: str, weight: Array, bias: Array, name: str) -> str:
+        """relu(weight v + bias)."""
+        return self.g.op("Relu", self.linear(v, weight, bias, f"{name}_linear"), name=name)
+
+    def contact_input(self) -> tuple[str, str]:
+        """(contact flags (N, 3, 1), input of the contact summary (N, 51))."""
+        g = self.g
+        flag, rest = g.split("contacts", [1, N_CONTACT_FEATURE - 1], 2, ["contact", "contact_rest"])
+        rows = g.op("Concat", rest, g.reshape("j_q", [0, 0, 9], "j_q_rows"), name="contact_raw", axis=2)  # (N, 3, 16)
+        seen = g.op("Mul", flag, rows, name="contact_seen")
+        u = g.op("Concat", flag, seen, name="contact_features", axis=2)  # (N, 3, 17)
+        return flag, g.reshape(u, [0, N_CONTACT_INPUT], "z_c")
+
+    def features(self, z_c: str) -> str:
+        """f of both stages (S, N, H)."""
+        g, both = self.g, self.both
+        log = self.slog("w_e", self.tensors["wrench_log_scale"], "w_log")  # (N, 6)
+        z_g = g.op("Concat", "q", "x_ht", "w_e", log, name="z_g", axis=1)  # (N, 26)
+        row = (slice(None), None)
+        c = self.normalised(z_c, both("contact_mean")[row], both("contact_inv_std")[row], "z_c_norm")  # (S, N, 51)
+        z = self.normalised(z_g, both("global_mean")[row], both("global_inv_std")[row], "z_g_norm")  # (S, N, 26)
+        h1 = self.dense(c, both("contact_w"), both("contact_b")[row], "h1")  # (S, N, HC)
+        joined = g.op("Concat", h1, z, name="h1_z_g", axis=2)  # (S, N, HC + 26)
+        h2 = self.dense(joined, both("trunk1_w"), both("trunk1_b")[row], "h2")  # (S, N, H)
+        return self.dense(h2, both("trunk2_w"), both("trunk2_b")[row], "f")  # (S, N, H)
+
+    def head(self, f: str) -> list[str]:
+        """Squashed (S, N, 3, 8), direction (.., 3), beta (.., 1), rho (.., 1) in GRAPH_ORDER."""
+        g, n = self.g, len(HEAD_ORDER)
+        order = np.concatenate([n * b + np.array([HEAD_ORDER.index(h) for h in GRAPH_ORDER]) for b in range(N_BRANCH)])
+        weight, bias = self.both("head_w")[:, order], self.both("head_b")[:, None, order]
+        y = g.reshape(self.linear(f, weight, bias, "head"), [0, 0, N_BRANCH, n], "head_rows")  # (S, N, 3, 13)
+        raw, d, be, rh = g.split(y, [8, 3, 1, 1], 3, ["head_tanh", "head_dir", "head_beta", "head_rho"])
+        return [g.op("Tanh", raw, name="squashed"), d, be, rh]
+
+    def springs(self, f: str) -> dict[str, str]:
+        """Springs and tendons of both stages; alpha, beta, rho, gain are (S, N, 3, 1)."""
+        g, t = self.g, self.tensors
+        squashed, d, be, rh = self.head(f)
+        in_exp, off = g.split(squashed, [5, 3], 3, ["squashed_exp", "squashed_off"])
+        mask, gate_nom = t["coord_mask"], t["gate_nom"]
+        ones = np.ones((N_BRANCH, 1), np.float32)
+        reach = np.float32(self.meta["log_range"]) * np.concatenate([mask, ones, ones], 1)  # (3, 5)
+        nominal = np.concatenate([t["chol_nom"][:, :3], t["tendon_gain_nom"][:, None], gate_nom[0] * ones], 1)
+        factor = g.op("Exp", g.op("Mul", in_exp, g.constant("log_reach", reach), name="log_factor"), name="factor")
+        positive = g.op("Mul", factor, g.constant("nominal_positive", nominal), name="positive")  # (S, N, 3, 5)
+        diag, gain, alpha = g.split(positive, [3, 1, 1], 3, ["chol_diag", "tendon_gain_col", "alpha"])
+        chol = self.chol_packed(diag, off)  # (S, N, 3, 6)
+        direction = self.unit(g.op("Add", d, g.constant("tendon_dir_nom", t["tendon_dir_nom"]), name="dir_raw"), mask)
+        beta = g.op("Mul", be, g.constant("beta_scale", gate_nom[1]), name="beta")
+        rho = g.op("Add", rh, g.constant("rho_nom", gate_nom[2]), name="rho")
+        return dict(chol=chol, tendon_dir=direction, gain=gain, alpha=alpha, beta=beta, rho=rho)
+
+    def chol_packed(self, diag: str, off: str) -> str:
+        """L (S, N, 3, 6) from its diagonal (S, N, 3, 3) and the squashed corrections below it (S, N, 3, 3)."""
+        g, nom, mask = self.g, self.tensors["chol_nom"], self.tensors["coord_mask"]
+        rows, cols = ([p[i] for p in CHOL_PAIRS] for i in (0, 1))
+        live = mask[:, rows] * mask[:, cols]
+        size = np.sqrt(nom[:, rows] * nom[:, cols]) * live
+        scaled = g.op("Mul", off, g.constant("chol_off_size", size), name="chol_off_scaled")
+        lower = g.op("Add", scaled, g.constant("chol_off_nom", nom[:, 3:] * live), name="chol_off")  # (S, N, 3, 3)
+        return g.op("Concat", diag, lower, name="chol_packed", axis=3)
+
+    def chol_inverse_t(self, packed: str) -> str:
+        """L^-T (S, N, 3, 3, 3), upper triangular, from the packed L: adjugate over determinant."""
+        g, n = self.g, len(CHOL_ADJUGATE)
+        place = np.zeros((n, 9), np.float32)
+        for i, (_, _, sign, row, column) in enumerate(CHOL_ADJUGATE):
+            place[i, 3 * column + row] = sign
+        picked = g.gather(packed, [a[0] for a in CHOL_ADJUGATE] + [a[1] for a in CHOL_ADJUGATE] + [0], 3, "chol_picked")
+        left, right, l00 = g.split(picked, [n, n, 1], 3, ["chol_left", "chol_right", "chol_l00"])
+        products = g.op("Mul", left, right, name="chol_products")  # (S, N, 3, 7); the first is l11 l22
+        det = g.op("Mul", l00, g.gather(products, [0], 3, "chol_l11_l22"), name="chol_det")  # (S, N, 3, 1)
+        adjugate = g.op("MatMul", products, g.constant("chol_adjugate", place), name="chol_adjugate_t")
+        return g.reshape(g.op("Div", adjugate, det, name="chol_inverse_flat"), [0, 0, 0, 3, 3], "chol_inverse_t")
+
+    def spring_matrix(self, packed: str) -> str:
+        """K = L L^T (S, N, 3, 3, 3) from the packed L; only the debug outputs need it."""
+        g = self.g
+        place = np.zeros((6, 9), np.float32)
+        place[range(6), CHOL_PLACES] = 1
+        flat = g.op("MatMul", packed, g.constant("chol_place", place), name="chol_flat")  # (S, N, 3, 9)
+        chol = g.reshape(flat, [0, 0, 0, 3, 3], "chol")
+        return g.op("MatMul", chol, self.transposed(chol, "chol_t", 5), name="k_spring")
+
+    def unit(self, v: str, mask: Array) -> str:
+        """v * mask over its norm: (S, N, 3, 3)."""
+        g = self.g
+        live = g.op("Mul", v, g.constant("coord_mask", mask), name="dir_live")
+        square = g.reduce_sum(g.op("Mul", live, live, name="dir_square"), 3, "dir_square_sum")  # (S, N, 3, 1)
+        norm = g.op("Sqrt", g.op("Add", square, g.constant("dir_floor", 1e-12), name="dir_floored"), name="dir_norm")
+        return g.op("Div", live, norm, name="tendon_dir")
+
+    def transposed(self, m: str, name: str, rank: int) -> str:
+        """Swap the last two of `rank` axes."""
+        return self.g.op("Transpose", m, name=name, perm=[*range(rank - 2), rank - 1, rank - 2])
+
+    def inverse_3x3(self, m: str, lead: int, name: str) -> str:
+        """Inverse of 3x3 matrices (`lead` leading axes) by cofactors."""
+        g = self.g
+        picks, signs = _adjugate_tables()
+        flat = g.reshape(m, [0] * lead + [9], f"{name}_flat")
+        picked = g.gather(flat, picks, lead, f"{name}_picked")
+        left, right, column = g.split(picked, [18, 18, 3], lead, [f"{name}_left", f"{name}_right", f"{name}_col0"])
+        products = g.op("Mul", left, right, name=f"{name}_products")
+        adjugate = g.op("MatMul", products, g.constant("adjugate_signs", signs), name=f"{name}_adj")  # (..., 9)
+        row = g.gather(adjugate, [0, 1, 2], lead, f"{name}_adj_row0")
+        det = g.reduce_sum(g.op("Mul", column, row, name=f"{name}_det_terms"), lead, f"{name}_det")
+        quotient = g.op("Div", adjugate, det, name=f"{name}_inverse_flat")
+        return g.reshape(quotient, [0] * lead + [3, 3], f"{name}_inverse")
+
+    def gram_schmidt(self, v: str, n: int, axis: int, name: str) -> tuple[str, str]:
+        """Modified Gram-Schmidt on the n rows (along `axis`) of v (..., n, m).
+
+        Returns orthogonal rows (..., n, m) and their squares (..., n, 1). The rows are not normalised. Row j is v_j
+        less its part along the earlier rows, so that rows = U v with U unit lower triangular, and
+        v v^T = U^-1 diag(squares) U^-T.
+        """
+        g, done = self.g, []
+        for left in range(n - 1, 0, -1):
+            row, rest = g.split(v, [1, left], axis, [f"{name}_row", f"{name}_rest"])
+            terms = g.op("Mul", v, row, name=f"{name}_terms")
+            along = g.reduce_sum(terms, axis + 1, f"{name}_along")  # (..., left + 1, 1)
+            square, dots = g.split(along, [1, left], axis, [f"{name}_square", f"{name}_dots"])
+            part = g.op("Mul", g.op("Div", dots, square, name=f"{name}_factor"), row, name=f"{name}_part")
+            v = g.op("Sub", rest, part, name=f"{name}_left")
+            done.append(row)
+        rows = g.op("Concat", *done, v, name=f"{name}_rows", axis=axis)
+        squares = g.reduce_sum(g.op("Mul", rows, rows, name=f"{name}_squares_terms"), axis + 1, f"{name}_squares")
+        return rows, squares
+
+    def beside(self, v: str, width: int, constant: NDArray[np.float64], name: str) -> str:
+        """[v | constant] along the last axis; v has `width` columns, all of the batch the same constant (S, ..., m)."""
+        g, rank = self.g, constant.ndim
+        padded = g.op("Pad", v, g.index("pads", [0] * (2 * rank - 1) + [constant.shape[-1]]), name=f"{name}_padded")
+        block = np.concatenate([np.zeros((*constant.shape[:-1], width)), constant], -1)
+        return g.op("Add", padded, g.constant(f"{name}_tail", block), name=f"{name}_full")
+
+    def closure(self, flag: str) -> None:
+        """What both passes share of the inputs."""
+        g = self.g
+        self.b = g.op("Neg", "j_q", name="b")  # (N, 3, 3, 3)
+        self.root_flag = g.op("Sqrt", flag, name="root_contact")  # (N, 3, 1)
+        block = g.unsqueeze(self.root_flag, [3], "root_contact_block")  # (N, 3, 1, 1)
+        a_s = g.op("Mul", "j_x", self.s, name="a_scaled")
+        self.a_s = g.op("Mul", a_s, block, name="a_contact")  # (N, 3, 3, 6) sqrt(c) A S
+        w_s = g.op("Mul", "w_e", self.s, name="w_scaled")  # (N, 6)
+        self.w_s = g.unsqueeze(w_s, [2], "w_scaled_col")  # (N, 6, 1)
+
+    def constants_of(self, key: str) -> NDArray[np.float64]:
+        """A regularisation constant of both stages (2)."""
+        return np.array(pair_of(self.meta[key]))
+
+    def statics(self, g_t: str) -> dict[str, str]:
+        """One pass from G^T = B R_K^-1 (S, N, 3, 3, 3), R_K^T R_K the joint stiffness of each branch."""
+        g = self.g
+        root_m = np.sqrt(self.constants_of("eps_m"))[:, None, None, None, None]
+        full = self.beside(g_t, 3, root_m * np.eye(3), "g_t")  # (S, N, 3, 3, 6), with its transpose: M
+        rows, squares = self.gram_schmidt(full, 3, 3, "m")
+        _, tail = g.split(rows, [3, 3], 4, ["m_head", "m_tail"])  # sqrt(eps_M) U
+        norm = g.op("Mul", g.op("Sqrt", squares, name="m_norm"), g.constant("root_eps_m", root_m), name="m_scale")
+        r_mt = g.op("Div", tail, norm, name="r_m_inverse_t")  # (S, N, 3, 3, 3) R_M^-T
+        y = g.op("MatMul", r_mt, self.a_s, name="y")  # (S, N, 3, 3, 6), Y^T Y = c A_s^T M^-1 A_s
+        y_t = self.transposed(g.reshape(y, [0, 0, 9, 6], "y_rows"), "y_t", 4)  # (S, N, 6, 9)
+        return dict(r_mt=r_mt, y=y, g_t=g_t) | self.solve(y_t)
+
+    def solve(self, y_t: str) -> dict[str, str]:
+        """K_x = V^T V with V^T = [Y^T | sqrt(eps_Kx) S], and x = K_x^-1 w, in scaled lengths."""
+        g, root = self.g, np.sqrt(self.constants_of("eps_kx"))[:, None, None, None]
+        scale = self.scale.astype(np.float64)
+        v_t = self.beside(y_t, 9, root * np.diag(scale), "v_t")  # (S, N, 6, 15)
+        rows, squares = self.gram_schmidt(v_t, N_WRENCH, 2, "v")
+        _, tail = g.split(rows, [9, N_WRENCH], 3, ["v_head", "v_tail"])
+        unit = g.op("Mul", tail, g.constant("v_tail_scale", 1 / (root * scale)), name="v_unit")  # (S, N, 6, 6) U
+        forward = g.op("MatMul", unit, self.w_s, name="forward")  # (S, N, 6, 1)
+        divided = g.op("Div", forward, squares, name="divided")
+        x = g.op("MatMul", self.transposed(unit, "v_unit_t", 4), divided, name="x_scaled_col")  # (S, N, 6, 1)
+        x_row = g.reshape(x, [0, 0, N_WRENCH], "x_scaled")  # (S, N, 6)
+        dx = g.op("Mul", x_row, self.s, name="dx_both")
+        return dict(v_t=v_t, x_col=x, x_scaled=x_row, dx=dx)
+
+    def stiffness(self, second: dict[str, str]) -> tuple[str, str]:
+        """K_x (S, N, 6, 6), scaled and in SI."""
+        g, v_t = self.g, second["v_t"]
+        k_scaled = g.op("MatMul", v_t, self.transposed(v_t, "v", 4), name="k_scaled")
+        scale = self.scale.astype(np.float64)
+        return k_scaled, g.op("Mul", k_scaled, g.constant("k_unscale", 1 / np.outer(scale, scale)), name="k_x_both")
+
+    def joint_deflection(self, first: dict[str, str], l_it: str) -> str:
+        """dq0 (S, N, 3, 3) of pass 1, masked by coordinate and contact; l_it is L^-T (S, N, 3, 3, 3)."""
+        g = self.g
+        x = g.reshape(first["x_col"], [0, 0, 1, N_WRENCH, 1], "x_block")
+        if self.meta["dq0"] == "statics":
+            stretch = g.op("MatMul", first["y"], x, name="y_x")  # (S, N, 3, 3, 1)
+            force = g.op("MatMul", self.transposed(first["r_mt"], "r_m_inverse", 5), stretch, name="force")
+            moment = g.op("MatMul", self.transposed(first["g_t"], "g", 5), force, name="g_force")
+            raw = g.op("MatMul", l_it, moment, name="dq0_col")
+        else:
+            eps = self.constants_of("eps_jq")[:, None, None, None, None] * np.eye(3)
+            regular = g.op("Add", "j_q", g.constant("eps_jq", eps), name="j_q_regular")  # (S, N, 3, 3, 3)
+            motion = g.op("MatMul", self.a_s, x, name="motion")  # (S, N, 3, 3, 1) times sqrt(c)
+            product = g.op("MatMul", self.inverse_3x3(regular, 3, "j_q"), motion, name="dq0_negative")
+            raw = g.op("Neg", product, name="dq0_col")  # the other sqrt(c) follows
+        live = g.op("Mul", self.root_flag, g.constant("coord_mask", self.tensors["coord_mask"]), name="coord_live")  # (N, 3, 3)
+        return g.op("Mul", g.reshape(raw, [0, 0, 3, 3], "dq0_raw"), live, name="dq0_both")
+
+    def gates(self, springs: dict[str, str], dq0: str) -> str:
+        """Engagement of each tendon (S, N, 3, 1)."""
+        g = self.g
+        eta = g.reduce_sum(g.op("Mul", dq0, springs["tendon_dir"], name="eta_terms"), 3, "eta")  # (S, N, 3, 1)
+        slack = g.op("Sub", eta, springs["beta"], name="slack")
+        stretch = g.op("Mul", springs["alpha"], slack, name="stretch")
+        return g.op("Sigmoid", g.op("Add", stretch, springs["rho"], name="gate_logit"), name="gate_col")
+
+    def engaged(self, g_t: str, l_it: str, springs: dict[str, str], gate: str) -> str:
+        """G^T of pass 2 (S, N, 3, 3, 3): the springs and s d d^T, s = gain gate.
+
+        With u = L^-1 d the joint compliance becomes L^-T (I + s u u^T)^-1 L^-1, and I - t u u^T is the root of the
+        middle with t = s / (r (1 + r)), r = sqrt(1 + s |u|^2). So G^T loses t (G^T u) u^T.
+        """
+        g, one = self.g, self.g.constant("one", 1.0)
+        u = g.op("MatMul", g.unsqueeze(springs["tendon_dir"], [3], "dir_row"), l_it, name="u")  # (S, N, 3, 1, 3)
+        s = g.unsqueeze(g.op("Mul", springs["gain"], gate, name="tendon_stiffness"), [4], "s")  # (S, N, 3, 1, 1)
+        length = g.reduce_sum(g.op("Mul", u, u, name="u_terms"), 4, "u_square")
+        r = g.op("Sqrt", g.op("Add", g.op("Mul", s, length, name="s_u"), one, name="s_u_plus1"), name="root")
+        t = g.op("Div", s, g.op("Mul", r, g.op("Add", r, one, name="root_plus1"), name="root_term"), name="t")
+        along = g.reduce_sum(g.op("Mul", g_t, u, name="g_u_terms"), 4, "g_u")  # (S, N, 3, 3, 1)
+        lost = g.op("Mul", along, g.op("Mul", t, u, name="t_u"), name="g_lost")
+        return g.op("Sub", g_t, lost, name="g_t_engaged")
+
+    def classifier(self, f: str, second: dict[str, str], k_scaled: str, gate: str) -> None:
+        """p_stable (N) from stage 1's feature and statics."""
+        g, t = self.g, self.tensors
+        f1, x1 = g.gather(f, 0, 0, "f_s1"), g.gather(second["x_scaled"], 0, 0, "x_scaled_s1")
+        k1, gate1 = g.gather(k_scaled, 0, 0, "k_scaled_s1"), g.gather(gate, 0, 0, "gate_classifier")
+        motion = self.slog(x1, np.float32(self.meta["displacement_log_scale"]), "x_log")  # (N, 6)
+        flat = g.reshape(k1, [0, N_WRENCH * N_WRENCH], "k_flat")
+        diagonal = g.gather(flat, [(N_WRENCH + 1) * i for i in range(N_WRENCH)], 1, "k_diagonal")
+        log_diagonal = g.op("Log", diagonal, name="k_diagonal_log")
+        aux = g.op("Concat", motion, log_diagonal, gate1, name="aux", axis=1)  # (N, 15)
+        a = self.normalised(aux, t["s1.aux_mean"], t["s1.aux_inv_std"], "aux_norm")
+        joined = g.op("Concat", f1, a, name="f_aux", axis=1)  # (N, H + 15)
+        hidden = self.dense(joined, t["s1.cls1_w"], t["s1.cls1_b"], "cls_hidden")  # (N, HD)
+        logit = self.linear(hidden, t["s1.cls2_w"], t["s1.cls2_b"], "logit")  # (N, 1)
+        g.op("Squeeze", g.op("Sigmoid", logit, name="p_stable_col"), g.index("axes", [1]), name="p_stable")
+
+    def build(self, debug: bool) -> onnx.ModelProto:
+        """The whole graph."""
+        g = self.g
+        flag, z_c = self.contact_input()
+        self.closure(flag)
+        f = self.features(z_c)
+        springs = self.springs(f)
+        l_it = self.chol_inverse_t(springs["chol"])
+        g_t = g.op("MatMul", self.b, l_it, name="g_t")  # (S, N, 3, 3, 3)
+        first = self.statics(g_t)
+        dq0 = self.joint_deflection(first, l_it)
+        gate_col = self.gates(springs, dq0)
+        gate = g.op("Squeeze", gate_col, g.index("axes", [3]), name="gate_both")  # (S, N, 3)
+        second = self.statics(self.engaged(g_t, l_it, springs, gate_col))
+        k_scaled, k_x = self.stiffness(second)
+        self.classifier(f, second, k_scaled, gate)
+        for name, value in (("dx_ht", second["dx"]), ("k_x", k_x), ("gate", gate)):
+            g.gather(value, 1, 0, name)
+        outputs = dict(OUTPUT_SHAPES)
+        if debug:
+            values = self.debug_values(springs) | dict(dx0=first["dx"], dq0=dq0, gate=gate, k_x=k_x, dx=second["dx"])
+            outputs |= self.debug_outputs(values)
+        name = "aminn_debug" if debug else "aminn"
+        return g.model(name, INPUT_SHAPES, outputs, OPSET, IR_VERSION, onnx_metadata(self.meta))
+
+    def debug_values(self, springs: dict[str, str]) -> dict[str, str]:
+        """Spring and tendon intermediates of both stages by their output name."""
+        g = self.g
+        names = ("alpha", "beta", "rho")
+        return dict(
+            k_spring=self.spring_matrix(springs["chol"]),
+            tendon_dir=springs["tendon_dir"],
+            tendon_gain=g.op("Squeeze", springs["gain"], g.index("axes", [3]), name="tendon_gain_both"),
+            gate_params=g.op("Concat", *(springs[n] for n in names), name="gate_params_both", axis=3),
+        )
+
+    def debug_outputs(self, values: dict[str, str]) -> dict[str, tuple[int, ...]]:
+        """Name every intermediate of each stage; returns their shapes."""
+        shapes = {}
+        for i, stage in enumerate(STAGES):
+            for name, shape in DEBUG_SHAPES.items():
+                self.g.gather(values[name], i, 0, f"{stage}_{name}")
+                shapes[f"{stage}_{name}"] = shape
+        return shapes
+
+
+def build_onnx(exported: Exported, debug: bool = False) -> onnx.ModelProto:
+    """The model of `exported`, checked; with `debug`, the intermediates of both stages are outputs too."""
+    for key in ("eps_m", "eps_kx"):
+        if min(pair_of(exported.meta[key])) <= 0:
+            raise AminnError(f"export: {key} is {exported.meta[key]}; it must be positive")
+    if exported.meta["dq0"] not in ("statics", "inverse"):
+        raise AminnError(f"export: dq0 is {exported.meta['dq0']!r}, not 'statics' or 'inverse'")
+    model = _AminnGraph(exported).build(debug)
+    onnx.checker.check_model(model, full_check=True)
+    return model
+
+
+def write_onnx(exported: Exported, path: Path, debug: bool = False) -> None:
+    """Write `build_onnx` to `path`; the same tables give the same bytes."""
+    path.write_bytes(build_onnx(exported, debug).SerializeToString(deterministic=True))
