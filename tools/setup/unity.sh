@@ -39,8 +39,8 @@ source_lines() {
   apt-get indextargets --format 'deb-src $(REPO_URI) $(RELEASE) $(COMPONENT)' \
     'Created-By: Packages' 'Origin: Debian' | sort -u | grep . && return
   # No package lists on this machine yet: the same from the configuration, in its two formats.
-  cat /etc/apt/sources.list /etc/apt/sources.list.d/*.list 2>/dev/null | sed -nE 's/^deb (\[[^]]*\] )?/deb-src /p'
-  cat /etc/apt/sources.list.d/*.sources 2>/dev/null | awk '
+  sed -nE 's/^deb (\[[^]]*\] )?/deb-src /p' /etc/apt/sources.list /etc/apt/sources.list.d/*.list 2>/dev/null || true
+  { cat /etc/apt/sources.list.d/*.sources 2>/dev/null || true; } | awk '
     function flush(  i) { for (i = 1; i <= n; i++) print "deb-src", uri, suite[i], component; n = 0 }
     /^URIs:/ { uri = $2 } /^Suites:/ { $1 = ""; n = split($0, suite) } /^Components:/ { $1 = ""; component = $0 }
     /^$/ { flush() } END { flush() }'
@@ -60,6 +60,7 @@ from_debian() {
     echo "$debian_sha256  $tarball" | sha256sum --check || continue
     tar -xf "$tarball" --wildcards '*/tests/unity' && return
   done < <(source_lines)
+  echo "ntpsec $debian_version is in none of these archives:" $(source_lines)
   return 1
 } >"$scratch/log" 2>&1
 
