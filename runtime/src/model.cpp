@@ -1,0 +1,75 @@
+// Is a model complete and sane?
+#include "parts.hpp"
+#include "tables.hpp"
+
+namespace aminn {
+namespace {
+
+bool width_ok(uint32_t width)
+{
+    return width >= 1 && width <= AMINN_MAX_WIDTH;
+}
+
+bool dims_ok(const aminn_model_t &m)
+{
+    return m.n_branch == AMINN_N_BRANCH && m.n_coord == AMINN_N_COORD && m.n_joint == AMINN_N_JOINT &&
+           m.n_contact_feature == AMINN_N_CONTACT_FEATURE && m.n_wrench == AMINN_N_WRENCH &&
+           width_ok(m.contact_width) && width_ok(m.width) && width_ok(m.classifier_width);
+}
+
+bool positive(const float *v, int n)
+{
+    for (int i = 0; i < n; ++i) {
+        if (!(v[i] > 0.0F && std::isfinite(v[i]))) {
+            return false;
+        }
+    }
+    return true;
+}
+
+bool stage_constants_ok(const aminn_model_t &m, const aminn_stage_model_t &s)
+{
+    const bool eps_jq_ok = m.dq0 == AMINN_DQ0_STATICS ? s.eps_jq >= 0.0F : s.eps_jq > 0.0F;
+    return positive(&s.eps_m, 1) && positive(&s.eps_kx, 1) && eps_jq_ok && std::isfinite(s.eps_jq);
+}
+
+bool constants_ok(const aminn_model_t &m)
+{
+    return (m.dq0 == AMINN_DQ0_STATICS || m.dq0 == AMINN_DQ0_INVERSE) && positive(&m.length_scale, 1) &&
+           positive(&m.displacement_log_scale, 1) && m.log_range >= 0.0F && std::isfinite(m.log_range) &&
+           m.tau >= 0.0F && m.tau <= 1.0F && stage_constants_ok(m, m.stage[0]) && stage_constants_ok(m, m.stage[1]);
+}
+
+// finite everywhere is checked before; here the tables that have a sign
+bool tables_in_range(const aminn_model_t &m)
+{
+    bool ok = positive(m.wrench_log_scale, AMINN_N_WRENCH) && positive(m.tendon_gain_nom, kBranch);
+    for (int b = 0; b < kBranch; ++b) {
+        ok = ok && positive(m.chol_nom + 6 * b, 3);
+    }
+    for (int i = 0; i < kBranch * AMINN_N_COORD; ++i) {
+        ok = ok && (m.coord_mask[i] == 0.0F || m.coord_mask[i] == 1.0F);
+    }
+    return ok;
+}
+
+} // namespace
+} // namespace aminn
+
+aminn_status_t aminn_model_check(const aminn_model_t *model)
+{
+    using namespace aminn;
+    if (model == nullptr) {
+        return AMINN_E_NULL;
+    }
+    if (model->format_version != AMINN_FORMAT_VERSION) {
+        return AMINN_E_VERSION;
+    }
+    if (!dims_ok(*model)) {
+        return AMINN_E_DIMS;
+    }
+    const bool finite = for_each_table(*model, [](const float *table, uint32_t n) {
+        return table != nullptr && all_finite(table, static_cast<int>(n));
+    });
+    return finite && constants_ok(*model) && tables_in_range(*model) ? AMINN_OK : AMINN_E_MODEL;
+}

@@ -1,0 +1,214 @@
+/*
+ * aminn_replay - run the compiled runtime on the inputs of a vector file and write what it predicts.
+ *
+ *   aminn_replay MODEL.bin VECTORS.bin OUT.bin
+ *
+ * Both stages are computed for every sample (AMINN_FLAG_ALWAYS_STAGE2), so that all outputs can be compared. A sample
+ * that the runtime refuses is written as the runtime left the outputs, with its status code. Prints one line of
+ * figures. Exits with 0, or with 1 and a message on a bad file (no OUT.bin is left then), or with 2 on bad arguments.
+ *
+ * Compiled with -DAMINN_REPLAY_HEADER='"aminn_model.h"' -DAMINN_REPLAY_MODEL=aminn_model and linked with aminn_model.c,
+ * it runs that model instead and takes no MODEL.bin:
+ *
+ *   aminn_replay_model VECTORS.bin OUT.bin
+ */
+#define _POSIX_C_SOURCE 200809L
+#include <errno.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "aminn_rt.h"
+#include "vector_file.h"
+#ifdef AMINN_REPLAY_HEADER
+#include AMINN_REPLAY_HEADER
+#endif
+
+/* name of the half-written output; removed when the program stops early */
+static char partial_path[4096];
+
+static void die(const char *format, ...)
+{
+    va_list args;
+    va_start(args, format);
+    fputs("aminn_replay: ", stderr);
+    vfprintf(stderr, format, args);
+    fputc('\n', stderr);
+    va_end(args);
+    if (partial_path[0] != '\0') {
+        remove(partial_path);
+    }
+    exit(1);
+}
+
+/* whole file in memory that malloc aligned; *size is set */
+static void *read_file(const char *path, size_t *size)
+{
+    FILE *file = fopen(path, "rb");
+    void *bytes = NULL;
+    long end;
+    if (file == NULL) {
+        die("%s: %s", path, strerror(errno));
+    }
+    if (fseek(file, 0, SEEK_END) != 0 || (end = ftell(file)) < 0 || fseek(file, 0, SEEK_SET) != 0) {
+        die("%s: not a regular file", path);
+    }
+    bytes = malloc((size_t)end + 1);
+    if (bytes == NULL) {
+        die("%s: out of memory for %ld bytes", path, end);
+    }
+    if (fread(bytes, 1, (size_t)end, file) != (size_t)end) {
+        die("%s: cannot read", path);
+    }
+    fclose(file);
+    *size = (size_t)end;
+    return bytes;
+}
+
+/* header of a checked vector file; the samples start behind it */
+static const vector_header_t *open_vectors(const char *path)
+{
+    size_t size = 0;
+    const vector_header_t *header = read_file(path, &size);
+    const char *error = NULL;
+    if (size < sizeof *header) {
+        die("%s: truncated: %zu bytes, a vector file has at least %zu", path, size, sizeof *header);
+    }
+    error = vector_header_error(header, size - sizeof *header);
+    if (error != NULL) {
+        die("%s: %s", path, error);
+    }
+    if (vector_crc(0, header + 1, size - sizeof *header) != header->crc) {
+        die("%s: damaged: its CRC-32 does not match", path);
+    }
+    return header;
+}
+
+static const aminn_model_t *open_model(const char *path)
+{
+    static aminn_model_t model;
+    aminn_status_t status;
+#ifdef AMINN_REPLAY_MODEL
+    (void)path;
+    model = AMINN_REPLAY_MODEL;
+    status = aminn_model_check(&model);
+    path = "compiled model";
+#else
+    size_t size = 0;
+    const void *bytes = read_file(path, &size);
+    status = aminn_model_from_blob(bytes, size, &model);
+#endif
+    if (status != AMINN_OK) {
+        die("%s: %s: %s", path, aminn_status_name(status), aminn_status_text(status));
+    }
+    return &model;
+}
+
+static void store(const aminn_output_t *out, float *row)
+{
+    row[0] = out->p_stable;
+    memcpy(row + 1, out->dx_ht, sizeof out->dx_ht);
+    memcpy(row + 7, out->k_x, sizeof out->k_x);
+    memcpy(row + 43, out->gate, sizeof out->gate);
+    row[46] = (float)out->stable;
+}
+
+static double now_s(void)
+{
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+/* predicts all samples into rows (n x RESULT_N_OUT) and statuses (n); returns the number that was refused */
+static uint32_t predict_all(const aminn_model_t *model, const vector_header_t *vectors, float *rows, int32_t *statuses)
+{
+    static aminn_t ctx;
+    const float *samples = (const float *)(vectors + 1);
+    aminn_status_t status = aminn_init(&ctx, model, AMINN_FLAG_ALWAYS_STAGE2);
+    uint32_t i, refused = 0;
+    if (status != AMINN_OK) {
+        die("%s: %s", aminn_status_name(status), aminn_status_text(status));
+    }
+    for (i = 0; i < vectors->n; ++i) {
+        aminn_input_t in;
+        aminn_output_t out;
+        memcpy(&in, samples + (size_t)i * VECTOR_N_IN, sizeof in);
+        status = aminn_predict(&ctx, &in, &out);
+        statuses[i] = status;
+        refused += status != AMINN_OK;
+        store(&out, rows + (size_t)i * RESULT_N_OUT);
+    }
+    return refused;
+}
+
+static void write_all(FILE *file, const void *bytes, size_t size)
+{
+    if (size > 0 && fwrite(bytes, 1, size, file) != size) {
+        die("%s: cannot write: %s", partial_path, strerror(errno));
+    }
+}
+
+/* writes under another name and renames when complete */
+static void write_results(const char *path, uint32_t n, const float *rows, const int32_t *statuses)
+{
+    const size_t rows_size = (size_t)n * RESULT_N_OUT * sizeof *rows;
+    const size_t statuses_size = (size_t)n * sizeof *statuses;
+    vector_header_t header = {RESULT_MAGIC, VECTOR_VERSION, 0, 0, RESULT_N_OUT, 0, 0, 0};
+    FILE *file = NULL;
+    header.n = n;
+    header.crc = vector_crc(vector_crc(0, rows, rows_size), statuses, statuses_size);
+    if (snprintf(partial_path, sizeof partial_path, "%s.partial", path) >= (int)sizeof partial_path) {
+        partial_path[0] = '\0';
+        die("%s: the path is too long", path);
+    }
+    file = fopen(partial_path, "wb");
+    if (file == NULL) {
+        const int error = errno;
+        partial_path[0] = '\0';
+        die("%s: %s", path, strerror(error));
+    }
+    write_all(file, &header, sizeof header);
+    write_all(file, rows, rows_size);
+    write_all(file, statuses, statuses_size);
+    if (fclose(file) != 0 || rename(partial_path, path) != 0) {
+        die("%s: cannot write: %s", path, strerror(errno));
+    }
+}
+
+int main(int argc, char **argv)
+{
+#ifdef AMINN_REPLAY_MODEL
+    const int first = 1;
+    const char *usage = "VECTORS.bin OUT.bin";
+#else
+    const int first = 2;
+    const char *usage = "MODEL.bin VECTORS.bin OUT.bin";
+#endif
+    const aminn_model_t *model = NULL;
+    const vector_header_t *vectors = NULL;
+    float *rows = NULL;
+    int32_t *statuses = NULL;
+    uint32_t refused;
+    double start_s, spent_s;
+    if (argc != first + 2) {
+        fprintf(stderr, "usage: %s %s\n", argv[0], usage);
+        return 2;
+    }
+    model = open_model(first == 2 ? argv[1] : NULL);
+    vectors = open_vectors(argv[first]);
+    rows = malloc(((size_t)vectors->n * RESULT_N_OUT + 1) * sizeof *rows);
+    statuses = malloc(((size_t)vectors->n + 1) * sizeof *statuses);
+    if (rows == NULL || statuses == NULL) {
+        die("out of memory for %u samples", (unsigned)vectors->n);
+    }
+    start_s = now_s();
+    refused = predict_all(model, vectors, rows, statuses);
+    spent_s = now_s() - start_s;
+    write_results(argv[first + 1], vectors->n, rows, statuses);
+    printf("samples %u, refused %u, %.3f us per prediction\n", (unsigned)vectors->n, (unsigned)refused,
+           vectors->n > 0 ? 1e6 * spent_s / vectors->n : 0.0);
+    return 0;
+}

@@ -1,0 +1,70 @@
+/*
+ * vector_file.h - headers of vector files (inputs with reference outputs) and of result files; docs/model-format.md has
+ * the bytes. Used by the host's replay program and by the firmware; both read and write one sample at a time.
+ */
+#ifndef AMINN_VECTOR_FILE_H
+#define AMINN_VECTOR_FILE_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#define VECTOR_MAGIC 0x564E4D41u /* "AMNV" */
+#define RESULT_MAGIC 0x4F4E4D41u /* "AMNO" */
+#define VECTOR_VERSION 1u
+#define VECTOR_N_IN 125u /* q 8, x_ht 6, w_e 6, contacts 24, j_x 54, j_q 27: the layout of aminn_input_t */
+#define VECTOR_N_OUT 46u /* p_stable 1, dx_ht 6, k_x 36, gate 3 */
+#define RESULT_N_OUT 47u /* the same and stable (0 or 1) */
+
+typedef struct vector_header {
+    uint32_t magic;
+    uint32_t version;
+    uint32_t n;
+    uint32_t n_in;
+    uint32_t n_out;
+    uint32_t has_f64;
+    uint32_t crc; /* CRC-32 of everything after the header */
+    uint32_t reserved;
+} vector_header_t;
+
+/* CRC-32 of more bytes: start with 0, feed the result back in. */
+static inline uint32_t vector_crc(uint32_t crc, const void *bytes, size_t n)
+{
+    const uint8_t *p = (const uint8_t *)bytes;
+    size_t i;
+    int bit;
+    crc = ~crc;
+    for (i = 0; i < n; ++i) {
+        crc ^= p[i];
+        for (bit = 0; bit < 8; ++bit) {
+            crc = (crc >> 1) ^ (0xEDB88320u & (0u - (crc & 1u)));
+        }
+    }
+    return ~crc;
+}
+
+/* Bytes that follow the header of a vector file. */
+static inline uint64_t vector_payload(const vector_header_t *h)
+{
+    uint64_t per_sample = (uint64_t)(h->n_in + h->n_out) * 4u + (h->has_f64 ? (uint64_t)h->n_out * 8u : 0u);
+    return (uint64_t)h->n * per_sample;
+}
+
+/* Null if the header is that of a vector file with `payload` bytes behind it, else what is wrong. */
+static inline const char *vector_header_error(const vector_header_t *h, uint64_t payload)
+{
+    if (h->magic != VECTOR_MAGIC) {
+        return "not a vector file (wrong magic)";
+    }
+    if (h->version != VECTOR_VERSION) {
+        return "a vector file of another version; export it again";
+    }
+    if (h->n_in != VECTOR_N_IN || h->n_out != VECTOR_N_OUT || h->has_f64 > 1u) {
+        return "a vector file of other dimensions; export it again";
+    }
+    if (vector_payload(h) != payload) {
+        return "truncated, or longer than its header says";
+    }
+    return NULL;
+}
+
+#endif

@@ -1,0 +1,106 @@
+"""`aminn_model.bin`: the model as one little-endian blob that the runtime uses in place (docs/model-format.md)."""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aminn.dims import BRANCH_JOINTS, BRANCHES, JOINTS, N_BRANCH, N_CONTACT_FEATURE, N_COORD, N_JOINT, N_WRENCH
+from aminn.errors import AminnError
+
+from .layout import DQ0_CODES, FORMAT_VERSION, SCALARS, STAGE_SCALARS, layout_of, tensor_name, tensor_order
+from .tables import Exported
+
+MAGIC = 0x4D4E4D41  # "AMNM"
+DIMS = (N_BRANCH, N_COORD, N_JOINT, N_CONTACT_FEATURE, N_WRENCH)
+_HEAD = struct.Struct("<4I")  # magic, format version, size, CRC-32 of what follows
+_BODY = struct.Struct("<5I3I2I32s4f6f")  # dimensions, widths, dq0 and reserved, SHA-256, scalars, stage scalars
+
+
+@dataclass(frozen=True)
+class BinModel:
+    """A model read back from a blob; has the form of an exported model."""
+
+    meta: dict
+    tensors: dict[str, NDArray[np.float32]]
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Write a file whole or not at all."""
+    partial = path.with_name(path.name + ".partial")
+    try:
+        partial.write_bytes(content)
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def bin_model_bytes(exported: Exported) -> bytes:
+    """The blob. The same model gives the same bytes."""
+    layout = layout_of(exported)
+    scalars = [float(layout.scalars[name]) for name in SCALARS]
+    stage_scalars = [float(v) for name in STAGE_SCALARS for v in layout.stage_scalars[name]]
+    body = _BODY.pack(*DIMS, *layout.widths, DQ0_CODES[layout.dq0], 0, layout.sha256, *scalars, *stage_scalars)
+    body += b"".join(table.values.astype("<f4").tobytes() for table in layout.tables)
+    return _HEAD.pack(MAGIC, FORMAT_VERSION, _HEAD.size + len(body), zlib.crc32(body)) + body
+
+
+def write_bin_model(exported: Exported, path: Path | str) -> None:
+    """Write `aminn_model.bin`. Raises AminnError if the model does not fit the runtime."""
+    write_atomically(Path(path), bin_model_bytes(exported))
+
+
+def _check(blob: bytes, path: Path) -> None:
+    """Raise AminnError unless the blob is whole and of this version."""
+    if len(blob) < _HEAD.size + _BODY.size:
+        raise AminnError(f"{path}: truncated: {len(blob)} bytes")
+    magic, version, size, crc = _HEAD.unpack_from(blob)
+    if magic != MAGIC:
+        raise AminnError(f"{path}: not an AMINN model (wrong magic)")
+    if version != FORMAT_VERSION:
+        raise AminnError(f"{path}: format version {version}, this program reads {FORMAT_VERSION}; export it again")
+    if size != len(blob):
+        raise AminnError(f"{path}: {len(blob)} bytes, its header says {size}: truncated or overwritten")
+    if zlib.crc32(blob[_HEAD.size :]) != crc:
+        raise AminnError(f"{path}: damaged: its CRC-32 does not match")
+
+
+def read_bin_model(path: Path | str) -> BinModel:
+    """Read a blob back. Raises AminnError on a damaged file, OSError if it cannot be read."""
+    path = Path(path)
+    blob = path.read_bytes()
+    _check(blob, path)
+    fields = _BODY.unpack_from(blob, _HEAD.size)
+    if fields[:5] != DIMS:
+        raise AminnError(f"{path}: dimensions {fields[:5]}, this program knows {DIMS}")
+    hc, h, hd, dq0 = fields[5:9]
+    order = tensor_order(hc, h, hd)
+    at = _HEAD.size + _BODY.size
+    if at + 4 * sum(int(np.prod(shape)) for _, _, shape in order) != len(blob):
+        raise AminnError(f"{path}: its length does not fit its widths {hc}, {h}, {hd}")
+    tensors = {}
+    for owner, field, shape in order:
+        stored = shape[::-1] if field.endswith("_w") else shape
+        flat = np.frombuffer(blob, "<f4", int(np.prod(shape)), at).reshape(stored)
+        at += flat.nbytes
+        tensors[tensor_name(owner, field)] = np.array(flat.T if field.endswith("_w") else flat, np.float32, order="C")
+    meta = dict(zip(SCALARS, fields[11:15], strict=True))
+    meta |= {name: list(fields[15 + 2 * i : 17 + 2 * i]) for i, name in enumerate(STAGE_SCALARS)}
+    meta |= {
+        "format_version": FORMAT_VERSION,
+        "contact_width": hc,
+        "width": h,
+        "classifier_width": hd,
+        "dq0": {code: name for name, code in DQ0_CODES.items()}[dq0],
+        "checkpoint_sha256": fields[10].hex(),
+        "branches": list(BRANCHES),
+        "joints": list(JOINTS),
+        "branch_joints": [list(row) for row in BRANCH_JOINTS],
+    }
+    return BinModel(meta, tensors)
