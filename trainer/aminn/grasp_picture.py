@@ -1,0 +1,263 @@
+"""A picture of a grasp before and under load: the hand's links, the tool, the contacts and the force."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise, product
+
+import numpy as np
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+from mpl_toolkits.mplot3d.axes3d import Axes3D
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+BRANCH_COLOURS = ("#1f5fa8", "#3a8f5c", "#8a5aa6")
+TOOL_COLOUR = "#d9a441"
+LOAD_COLOUR = "#b03a48"
+GHOST = "#9a9a9a"
+LIGHT = np.array([0.4, -0.5, 0.77])
+# Motions smaller than this are drawn larger, and the caption says so.
+VISIBLE_M = 0.006
+ARROW_M = 0.04
+
+
+@dataclass(frozen=True)
+class GraspPicture:
+    """One load case. Lengths in m, angles in rad, everything in the hand's frame."""
+
+    hand: Mapping
+    """The `hand` entry of the data set's manifest."""
+    q: Array
+    """Joint angles before the load (8)."""
+    q_after: Array
+    """The same under load (8)."""
+    x_ht: Array
+    """Tool pose before the load (6)."""
+    dx_ht: Array
+    """Simulated displacement (6)."""
+    w_e: Array
+    """The load (6), N and N.m."""
+    contacts: Array
+    """Contact rows before the load (3, 8)."""
+    tool_family: str
+    """Name of the tool's family: handle (capsule), block or ball."""
+    tool_size_m: Array
+    """Half extents of the tool along its own axes (3); x is the long one."""
+    predicted_dx: Array | None = None
+    """Predicted displacement (6), for the caption."""
+
+
+def rotation_matrix(rotvec: Array) -> Array:
+    """Rotation matrix (3, 3) of a rotation vector (3)."""
+    angle = float(np.linalg.norm(rotvec))
+    if angle == 0:
+        return np.eye(3)
+    x, y, z = rotvec / angle
+    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + math.sin(angle) * k + (1 - math.cos(angle)) * k @ k
+
+
+def branch_points(hand: Mapping, branch: int, q: Array) -> Array:
+    """Base, distal joint and centre of the fingertip of a branch (3, 3), m, by forward kinematics."""
+    joints = hand["branch_joints"][branch]
+    axes = np.asarray(hand["axis"][branch], float)
+    turns = [rotation_matrix(axes[k] * q[j]) if j >= 0 else np.eye(3) for k, j in enumerate(joints)]
+    base = np.asarray(hand["base_m"][branch], float)
+    upper, lower = turns[0] @ turns[1], turns[0] @ turns[1] @ turns[2]
+    knuckle = base + upper @ np.asarray(hand["link_a_m"][branch], float)
+    return np.stack([base, knuckle, knuckle + lower @ np.asarray(hand["link_b_m"][branch], float)])
+
+
+def _tube(start: Array, end: Array, radius: float, caps: bool = True, n: int = 20) -> list[Array]:
+    """Quadrilaterals of a capsule from `start` to `end`."""
+    axis = end - start
+    length = float(np.linalg.norm(axis))
+    z = axis / length if length > 0 else np.array([0.0, 0, 1])
+    x = np.cross(z, [1.0, 0, 0] if abs(z[0]) < 0.9 else [0, 1.0, 0])
+    x /= np.linalg.norm(x)
+    y = np.cross(z, x)
+    around = np.linspace(0, 2 * math.pi, n + 1)
+    ring = np.cos(around)[:, None] * x + np.sin(around)[:, None] * y  # (n + 1, 3)
+    up = np.linspace(0, math.pi / 2, 6) if caps else np.zeros(1)
+    rings = [start + radius * (math.cos(a) * ring - math.sin(a) * z) for a in up[::-1]]
+    rings += [end + radius * (math.cos(a) * ring + math.sin(a) * z) for a in up]
+    return [np.stack([a[i], a[i + 1], b[i + 1], b[i]]) for a, b in pairwise(rings) for i in range(n)]
+
+
+def _box(half: Array) -> list[Array]:
+    """Faces of a box, cut in squares so that they sort well by depth."""
+    faces = []
+    grid = np.linspace(-1, 1, 7)
+    for axis in range(3):
+        u, v = (axis + 1) % 3, (axis + 2) % 3
+        for side in (-1.0, 1.0):
+            for a, b in ((i, j) for i in range(6) for j in range(6)):
+                corners = np.zeros((4, 3))
+                corners[:, axis] = side
+                corners[:, u] = grid[[a, a + 1, a + 1, a]]
+                corners[:, v] = grid[[b, b, b + 1, b + 1]]
+                faces.append(corners * half)
+    return faces
+
+
+def tool_faces(family: str, half: Array) -> list[Array]:
+    """Polygons (k, 3) of a tool in its own frame. An unknown family is drawn as an ellipsoid."""
+    if family in ("handle", "capsule", "cylinder"):
+        reach = np.array([max(half[0] - half[1], 0), 0, 0])
+        return _tube(-reach, reach, half[1])
+    if family in ("block", "box"):
+        return _box(half)
+    return [face * half for face in _tube(np.zeros(3), np.zeros(3), 1.0, n=28)]
+
+
+def tool_outline(family: str, half: Array) -> list[Array]:
+    """Lines (k, 3) that suggest a tool's shape, in its own frame."""
+    if family not in ("block", "box"):
+        return [np.concatenate([face, face[:1]]) for face in tool_faces(family, half)]
+    corners = np.array(list(product((-1.0, 1.0), repeat=3)))
+    pairs = [(a, b) for a in corners for b in corners if (b - a).max() > 0 and np.abs(b - a).sum() == 2.0]
+    return [np.stack([a, b]) * half for a, b in pairs if (b - a).min() >= 0]
+
+
+def _shade(faces: Sequence[Array], colour: str) -> list[tuple[float, float, float]]:
+    """Colour of each face in a fixed light."""
+    base = np.array([int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)])
+    shades = []
+    for face in faces:
+        normal = np.cross(face[2] - face[0], face[3] - face[1])
+        size = np.linalg.norm(normal)
+        light = abs(float(normal @ LIGHT)) / size if size > 0 else 1.0
+        shades.append(tuple(np.clip(base * (0.62 + 0.45 * light), 0, 1)))
+    return shades
+
+
+def _draw_solid(ax: Axes3D, faces: Sequence[Array], colour: str, alpha: float = 1.0) -> None:
+    shades = [(*s, alpha) for s in _shade(faces, colour)]
+    ax.add_collection3d(
+        Poly3DCollection([1e3 * f for f in faces], facecolors=shades, edgecolors="none", zsort="average")
+    )
+
+
+def _placed(faces: Sequence[Array], pose: Array) -> list[Array]:
+    turn = rotation_matrix(pose[3:])
+    return [face @ turn.T + pose[:3] for face in faces]
+
+
+def _moved(pose: Array, dx: Array) -> Array:
+    """Pose (6) after a displacement; the rotation stays a matrix product, so it is exact for any size."""
+    turn = rotation_matrix(dx[3:]) @ rotation_matrix(pose[3:])
+    return np.concatenate([pose[:3] + dx[:3], _rotation_vector(turn)])
+
+
+def _rotation_vector(turn: Array) -> Array:
+    """Rotation vector of a matrix (angles below pi)."""
+    axial = 0.5 * np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    sine, cosine = float(np.linalg.norm(axial)), 0.5 * (float(np.trace(turn)) - 1)
+    if sine < 1e-9:
+        if cosine > 0:
+            return axial
+        values, vectors = np.linalg.eigh(0.5 * (turn + turn.T))
+        return math.pi * vectors[:, int(np.argmax(values))]
+    return axial / sine * math.atan2(sine, cosine)
+
+
+def _draw_hand(ax: Axes3D, hand: Mapping, q: Array) -> None:
+    bases = []
+    for b, colour in enumerate(BRANCH_COLOURS):
+        base, knuckle, tip = branch_points(hand, b, q)
+        bases.append(base)
+        radius = float(hand["tip_radius_m"][b])
+        for start, end, r in ((base, knuckle, 0.6 * radius), (knuckle, tip, 0.55 * radius), (tip, tip, radius)):
+            _draw_solid(ax, _tube(start, end, r), colour)
+    palm = Poly3DCollection([1e3 * np.stack(bases)], facecolors="#c9ced4", edgecolors="#9aa0a6", alpha=0.5)
+    ax.add_collection3d(palm)
+
+
+def _draw_ghost(ax: Axes3D, picture: GraspPicture) -> None:
+    """Outlines of hand and tool before the load."""
+    lines = [1e3 * branch_points(picture.hand, b, picture.q) for b in range(len(BRANCH_COLOURS))]
+    ax.add_collection3d(Line3DCollection(lines, colors=GHOST, linewidths=1.4, linestyles="dashed"))
+    half = np.asarray(picture.tool_size_m, float)
+    outline = _placed(tool_outline(picture.tool_family, half), np.asarray(picture.x_ht))
+    box = len(outline) <= 12
+    edges = Line3DCollection([1e3 * line for line in outline], colors=GHOST, linewidths=1.0 if box else 0.3, alpha=0.6)
+    ax.add_collection3d(edges)
+
+
+def _draw_load(ax: Axes3D, picture: GraspPicture, pose: Array) -> None:
+    """The force as an arrow that leaves the tool where its line through the tool's origin does."""
+    force = np.asarray(picture.w_e[:3], float)
+    size = float(np.linalg.norm(force))
+    if size == 0:
+        return
+    along = rotation_matrix(pose[3:]).T @ force / size
+    depth = float((np.asarray(picture.tool_size_m) / np.maximum(np.abs(along), 1e-9)).min())
+    start, vector = 1e3 * (pose[:3] + depth * force / size), 1e3 * ARROW_M * force / size
+    ax.quiver(*start, *vector, color=LOAD_COLOUR, linewidth=2.2, arrow_length_ratio=0.3)
+    ax.text(*(start + 1.15 * vector), f"{size:.1f} N", color=LOAD_COLOUR, fontsize=9)
+
+
+def _frame(ax: Axes3D, points: Array, title: str) -> None:
+    """Equal axes around the points, no clutter."""
+    middle, half = 0.5 * (points.max(0) + points.min(0)), 0.5 * float(np.ptp(points, axis=0).max())
+    for setter, m in zip((ax.set_xlim, ax.set_ylim, ax.set_zlim), middle, strict=True):
+        setter(1e3 * (m - half), 1e3 * (m + half))
+    ax.set_box_aspect((1, 1, 1), zoom=1.08)
+    ax.set_title(title, fontsize=10, y=1.0)
+    for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
+        axis.set_pane_color((1, 1, 1, 0))
+        axis.line.set_color("#bbbbbb")
+    ax.tick_params(labelsize=7, colors="#777777", pad=-2)
+    ax.grid(False)
+    ax.set_xlabel("x, mm", fontsize=8, labelpad=-6)
+    ax.set_ylabel("y, mm", fontsize=8, labelpad=-6)
+    ax.set_zlabel("z, mm", fontsize=8, labelpad=-6)
+    ax.locator_params(nbins=4)
+    ax.view_init(elev=18, azim=-28)
+
+
+def magnification(dx: Array) -> int:
+    """How many times larger a motion is drawn: 1 where it shows by itself."""
+    size = max(float(np.linalg.norm(dx[:3])), 0.04 * float(np.linalg.norm(dx[3:])))
+    return next((k for k in (1, 2, 5, 10) if k * size >= VISIBLE_M), 20)
+
+
+def _caption(picture: GraspPicture, factor: int) -> str:
+    def motion(dx: Array) -> str:
+        return f"{1e3 * np.linalg.norm(dx[:3]):.2f} mm and {np.degrees(np.linalg.norm(dx[3:])):.2f} deg"
+
+    force, moment = np.linalg.norm(picture.w_e[:3]), np.linalg.norm(picture.w_e[3:])
+    text = f"A {picture.tool_family} under {force:.2f} N and {moment:.3f} N.m moves {motion(picture.dx_ht)} in the hand"
+    if picture.predicted_dx is not None:
+        text += f"; predicted: {motion(picture.predicted_dx)}"
+    text += ". Dashed and grey: before the load. Red: the force, in the tool's origin."
+    return text + (f" The motion is drawn {factor} times as large." if factor > 1 else "")
+
+
+def draw_grasp(picture: GraspPicture) -> tuple[Figure, str]:
+    """(figure, caption): the grasp before the load and under it."""
+    factor = magnification(picture.dx_ht)
+    figure = Figure(figsize=(10.4, 5.2), dpi=130)
+    figure.subplots_adjust(left=0.0, right=0.95, bottom=0.04, top=0.95, wspace=0.0)
+    q_after = picture.q + factor * (np.asarray(picture.q_after) - picture.q)
+    states = (
+        (picture.q, np.asarray(picture.x_ht)),
+        (q_after, _moved(picture.x_ht, factor * np.asarray(picture.dx_ht))),
+    )
+    half = np.asarray(picture.tool_size_m, float)
+    reach = [branch_points(picture.hand, b, q) for q, _ in states for b in range(len(BRANCH_COLOURS))]
+    tools = [np.concatenate(_placed(tool_faces(picture.tool_family, half), pose)) for _, pose in states]
+    points = np.concatenate(reach + tools)
+    for k, ((q, pose), title) in enumerate(zip(states, ("before the load", "under load"), strict=True)):
+        ax = figure.add_subplot(1, 2, k + 1, projection="3d", computed_zorder=True)
+        _draw_hand(ax, picture.hand, q)
+        _draw_solid(ax, _placed(tool_faces(picture.tool_family, half), pose), TOOL_COLOUR, 0.8)
+        if k == 1:
+            _draw_ghost(ax, picture)
+            _draw_load(ax, picture, pose)
+        _frame(ax, points, title)
+    return figure, _caption(picture, factor)

@@ -1,0 +1,338 @@
+"""The report page: one self-contained HTML file with the table, the figures and the checks of a run.
+
+`write_report` takes plain arrays and dictionaries (`ReportInputs`), so that anything that has figures can make a page.
+Colours belong to a name ("aminn", "mlp", ...) and stay the same from figure to figure.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import jinja2
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from .checkpoint import write_atomically
+from .grasp_picture import GraspPicture, draw_grasp
+
+Array = NDArray[np.float64]
+Value = float | int | str | bool | None
+
+NAMES = {
+    "aminn": "AMINN",
+    "mlp": "MLP",
+    "analytical": "analytical",
+    "no_motion": "no motion",
+    "label": "ground truth",
+}
+COLOURS = {"aminn": "#1f5fa8", "mlp": "#d9772b", "analytical": "#7a7a7a", "label": "#111111"}
+OTHER_COLOURS = ("#3a8f5c", "#8a5aa6", "#b03a48", "#5b8aa6")
+GRID = "#dddddd"
+
+# Columns of the table: key, heading, unit line, format.
+COLUMNS = (
+    ("f1", "F1", "stable", "{:.3f}"),
+    ("rmse_pose", "RMSE<sub>pose</sub>", "1", "{:.4f}"),
+    ("rmse_mm", "RMSE", "mm", "{:.2f}"),
+    ("rmse_deg", "RMSE", "deg", "{:.2f}"),
+    ("rmse_to_no_motion", "RMSE / no motion", "1", "{:.3f}"),
+    ("relative_error_median", "relative error", "median", "{:.3f}"),
+    ("relative_error_p90", "relative error", "p90", "{:.3f}"),
+    ("passivity_violation_translational", "f·dp < 0", "share", "{:.2%}"),
+    ("passivity_violation_full", "w·dx < 0", "share", "{:.2%}"),
+)
+
+# Rows of the table of differences: key after the target's name, text, format.
+DIFFERENCES = (
+    ("dx_relative_max", "displacement, relative, largest", "{:.1e}"),
+    ("dx_relative_median", "displacement, relative, median", "{:.1e}"),
+    ("dx_share_of_limit_max", "displacement, share of the limit, largest", "{:.2f}"),
+    ("p_stable_abs_max", "p_stable, largest", "{:.1e}"),
+    ("decisions_different", "stable decisions that differ", "{:d}"),
+    ("k_x_relative_max", "K_x, relative, largest", "{:.1e}"),
+    ("gate_abs_max", "gate, largest", "{:.1e}"),
+    ("float64_dx_relative_median", "displacement against float64, relative, median", "{:.1e}"),
+    ("float64_dx_relative_max", "displacement against float64, relative, largest", "{:.1e}"),
+    ("refused", "samples refused", "{:d}"),
+)
+TARGETS = {
+    "host_bin": "host, aminn_model.bin",
+    "host_c": "host, aminn_model.c",
+    "cortex_m7": "Cortex-M7 (qemu)",
+    "onnx": "ONNX Runtime",
+}
+
+
+@dataclass(frozen=True)
+class ReportInputs:
+    """Everything that the page shows. What is left empty is left out of the page."""
+
+    title: str = "AMINN"
+    """Heading of the page."""
+    rows: Sequence[Mapping[str, Value]] = ()
+    """Table: one mapping a row with "model" and the keys of `COLUMNS`; a missing key or a NaN shows as a dash."""
+    signed_work: Mapping[str, Array] = field(default_factory=dict)
+    """Name -> w.dx (n), J, of samples predicted stable; "label" is the ground truth."""
+    signed_work_translational: Mapping[str, Array] = field(default_factory=dict)
+    """The same with f.dp alone."""
+    true_dx: Array | None = None
+    """Simulated displacements (n, 6) of stable samples, m and rad."""
+    predicted_dx: Mapping[str, Array] = field(default_factory=dict)
+    """Name -> predicted displacements (n, 6) of the same samples."""
+    histories: Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]] = field(default_factory=dict)
+    """Name -> stage -> {"train": [...], "validation": [...]}, one number an epoch."""
+    grasp: GraspPicture | None = None
+    """A grasp before and under load."""
+    verification: Mapping[str, Value] = field(default_factory=dict)
+    """Flat report of `aminn verify`."""
+    dataset: Mapping[str, Value] = field(default_factory=dict)
+    """Name -> value: what the data set holds."""
+    notes: Sequence[str] = ()
+    """Sentences under the table."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure in the page."""
+
+    title: str
+    caption: str
+    png: str
+    """Base64."""
+
+
+def colour_of(name: str, names: Sequence[str]) -> str:
+    """The colour of a name; names that are not known get one by their order."""
+    others = [n for n in names if n not in COLOURS]
+    return COLOURS[name] if name in COLOURS else OTHER_COLOURS[others.index(name) % len(OTHER_COLOURS)]
+
+
+def label_of(name: str) -> str:
+    """The name as the page writes it."""
+    return NAMES.get(name, name)
+
+
+def _figure(width: float, height: float) -> Figure:
+    return Figure(figsize=(width, height), dpi=130, layout="constrained")
+
+
+def _tidy(ax: Axes, x: str, y: str, title: str = "") -> None:
+    ax.set_xlabel(x, fontsize=9)
+    ax.set_ylabel(y, fontsize=9)
+    ax.set_title(title, fontsize=10, loc="left")
+    ax.tick_params(labelsize=8)
+    ax.grid(color=GRID, linewidth=0.6)
+    ax.set_axisbelow(True)
+    for side in ("top", "right"):
+        ax.spines[side].set_visible(False)
+
+
+def to_png(figure: Figure) -> bytes:
+    """The figure as a PNG."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", facecolor="white")
+    return buffer.getvalue()
+
+
+def _edges(values: Sequence[Array]) -> tuple[Array, float]:
+    """Bin edges that are logarithmic on both sides of zero, and where they begin to be: (edges, linear limit)."""
+    sizes = np.abs(np.concatenate(values))
+    sizes = sizes[sizes > 0]
+    top = float(sizes.max()) if len(sizes) else 1.0
+    low = max(float(np.quantile(sizes, 0.02)) if len(sizes) else 0.1, 1e-5 * top)
+    low = 10.0 ** math.floor(math.log10(low))
+    decades = max(1, math.ceil(math.log10(top / low)))
+    positive = low * 10.0 ** np.linspace(0, decades, 5 * decades + 1)
+    return np.concatenate([-positive[::-1], [0.0], positive]), low
+
+
+def _draw_work(ax: Axes, work: Mapping[str, Array], title: str) -> None:
+    """Shares of samples by signed work, as outlines, on a scale that is logarithmic on both sides of zero."""
+    edges, low = _edges(list(work.values()))
+    peak = 0.0
+    for name, values in work.items():
+        counts, _ = np.histogram(np.clip(values, edges[0], edges[-1]), edges)
+        share = counts / max(len(values), 1)
+        peak = max(peak, float(share.max(initial=0)))
+        negative = float((values < 0).mean()) if len(values) else 0.0
+        text = f"{label_of(name)}: {negative:.2%} below zero"
+        ax.stairs(share, edges, color=colour_of(name, list(work)), linewidth=1.6, label=text)
+    ax.set_xscale("symlog", linthresh=low, linscale=0.4)
+    ax.axvspan(edges[0], 0, color="#b03a48", alpha=0.07, linewidth=0)
+    ax.axvline(0, color="#b03a48", linewidth=0.8)
+    _tidy(ax, "signed work, J", "share of samples", title)
+    ax.set_xlim(edges[0], edges[-1])
+    ax.set_ylim(0, 1.45 * peak if peak else 1)
+    exponents = range(math.ceil(math.log10(low)) + 1, math.floor(math.log10(edges[-1]) + 1e-9) + 1, 2)
+    ticks = [10.0**e for e in exponents]
+    ax.set_xticks([-t for t in reversed(ticks)] + [0.0] + ticks)
+    ax.minorticks_off()
+    ax.legend(fontsize=8, frameon=False, loc="upper left")
+
+
+def work_figure(full: Mapping[str, Array], translational: Mapping[str, Array]) -> Figure:
+    """Histogram of the signed work, full and translational."""
+    panels = [(w, t) for w, t in ((full, "w·dx (force and moment)"), (translational, "f·dp (force alone)")) if w]
+    figure = _figure(5.2 * len(panels), 3.6)
+    axes = figure.subplots(1, len(panels), squeeze=False)[0]
+    for ax, (work, title) in zip(axes, panels, strict=True):
+        _draw_work(ax, work, title)
+    return figure
+
+
+def _draw_scatter(ax: Axes, true: Array, pred: Array, colour: str, low: float, high: float) -> None:
+    size = float(np.clip(4000 / max(len(true), 1), 2, 12))
+    ax.scatter(np.clip(true, low, high), np.clip(pred, low, high), s=size, color=colour, alpha=0.35, linewidths=0)
+    ax.plot([low, high], [low, high], color="#111111", linewidth=0.9)
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.set_xlim(low, high)
+    ax.set_ylim(low, high)
+    ax.set_aspect("equal")
+
+
+def _range(values: Array) -> tuple[float, float]:
+    """Limits of a logarithmic axis that leave out the smallest half per cent."""
+    values = values[values > 0]
+    if not len(values):
+        return 0.1, 1.0
+    low, high = float(np.quantile(values, 0.005)), 1.3 * float(values.max())
+    return 0.8 * max(low, 1e-4 * high), high
+
+
+def displacement_figure(true: Array, predicted: Mapping[str, Array]) -> Figure:
+    """Size of the predicted motion against the simulated one: a column a model, translation above rotation."""
+    names = list(predicted)
+    figure = _figure(3.3 * len(names) + 0.4, 6.6)
+    axes = figure.subplots(2, len(names), squeeze=False)
+    kinds = ((slice(0, 3), 1e3, "translation, mm"), (slice(3, 6), 180 / math.pi, "rotation, deg"))
+    for row, (part, unit, text) in enumerate(kinds):
+        size = unit * np.linalg.norm(true[:, part], axis=1)
+        low, high = _range(size)
+        for column, name in enumerate(names):
+            guess = unit * np.linalg.norm(predicted[name][:, part], axis=1)
+            ax = axes[row, column]
+            _draw_scatter(ax, size, guess, colour_of(name, names), low, high)
+            title = label_of(name) if row == 0 else ""
+            _tidy(ax, f"simulated {text}", f"predicted {text}" if column == 0 else "", title)
+    return figure
+
+
+def training_figure(histories: Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]]) -> Figure:
+    """Loss by epoch; a panel a stage."""
+    stages = sorted({stage for history in histories.values() for stage in history})
+    texts = {"stage1": "stage 1: cross-entropy", "stage2": "stage 2: displacement loss"}
+    figure = _figure(5.2 * len(stages), 3.4)
+    axes = figure.subplots(1, len(stages), squeeze=False)[0]
+    for ax, stage in zip(axes, stages, strict=True):
+        for name, history in histories.items():
+            curves, colour = history.get(stage, {}), colour_of(name, list(histories))
+            for part, style, width in (("train", (0, (3, 2)), 1.0), ("validation", "-", 1.7)):
+                values = np.asarray(curves.get(part, []), float)
+                label = f"{label_of(name)}, {part}"
+                ax.plot(
+                    np.arange(1, len(values) + 1), values, color=colour, linestyle=style, linewidth=width, label=label
+                )
+        ax.set_yscale("log")
+        ax.yaxis.set_major_formatter("{x:g}")
+        ax.yaxis.set_minor_formatter("{x:g}")
+        _tidy(ax, "epoch", "loss", texts.get(stage, stage))
+        ax.tick_params(which="minor", labelsize=7)
+        ax.legend(fontsize=8, frameon=False)
+    return figure
+
+
+def _picture(title: str, caption: str, figure: Figure) -> Picture:
+    return Picture(title, caption, base64.b64encode(to_png(figure)).decode())
+
+
+def pictures(inputs: ReportInputs) -> list[Picture]:
+    """All figures that the inputs have data for."""
+    made = []
+    if inputs.grasp is not None:
+        figure, caption = draw_grasp(inputs.grasp)
+        made.append(_picture("A grasp under load", caption, figure))
+    if inputs.true_dx is not None and inputs.predicted_dx:
+        caption = "Stable load cases. A point on the line is a motion of the right size."
+        made.append(
+            _picture(
+                "Predicted against simulated displacement",
+                caption,
+                displacement_figure(inputs.true_dx, inputs.predicted_dx),
+            )
+        )
+    if inputs.signed_work:
+        caption = (
+            "Load cases predicted stable. A passive grasp yields with the load: w·dx is above zero. For the force "
+            "alone that is not so for every true motion when a moment acts as well."
+        )
+        figure = work_figure(inputs.signed_work, inputs.signed_work_translational)
+        made.append(_picture("Signed work", caption, figure))
+    if inputs.histories:
+        made.append(
+            _picture("Training", "Dashed: training data; solid: validation data.", training_figure(inputs.histories))
+        )
+    return made
+
+
+def format_value(value: Value, form: str | None = None) -> str:
+    """A cell of a table; a dash where there is no number."""
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, str):
+        return value
+    if form is None:
+        form = "{:d}" if isinstance(value, int) else "{:.4g}"
+    return form.format(int(value) if form == "{:d}" else value)
+
+
+def result_table(rows: Sequence[Mapping[str, Value]]) -> list[list[str]]:
+    """Cells of the result table, row by row."""
+    return [
+        [label_of(str(row["model"]))] + [format_value(row.get(key), form) for key, _, _, form in COLUMNS]
+        for row in rows
+    ]
+
+
+def difference_table(verification: Mapping[str, Value]) -> tuple[list[str], list[list[str]]]:
+    """(headings, cells) of the runtime-to-ONNX differences, a column a target that was replayed."""
+    targets = [t for t in TARGETS if any(k.startswith(f"{t}_") for k in verification)]
+    cells = []
+    for key, text, form in DIFFERENCES:
+        values = [format_value(verification.get(f"{t}_{key}"), form) for t in targets]
+        if any(v != "–" for v in values):
+            cells.append([text, *values])
+    return [TARGETS[t] for t in targets], cells
+
+
+def write_report(inputs: ReportInputs, out_html: Path) -> None:
+    """Write the page, atomically."""
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    headings, differences = difference_table(inputs.verification)
+    page = environment.get_template("report.html.j2").render(
+        inputs=inputs,
+        columns=COLUMNS,
+        rows=result_table(inputs.rows),
+        headings=headings,
+        differences=differences,
+        dataset=[(key, format_value(value)) for key, value in inputs.dataset.items()],
+        pictures=pictures(inputs),
+        verification=inputs.verification,
+    )
+    out_html.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(out_html, page.encode())
