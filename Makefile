@@ -53,7 +53,8 @@ test: setup-python setup-host-tests setup-arm ## lint, C tests, Python tests, an
 	  --output-junit ../test/ctest.xml
 	@$(PYTHON) -m pytest -q --junit-xml=$(BUILD)/test/pytest.xml
 	@$(MAKE) --no-print-directory firmware
-	@echo "All tests passed. Results: $(BUILD)/test/ctest.xml, $(BUILD)/test/pytest.xml, $(REPORTS)/firmware.json"
+	@$(PYTHON) tools/setup/test_report.py $(REPORTS)/test.json c=$(BUILD)/test/ctest.xml python=$(BUILD)/test/pytest.xml
+	@echo "All tests passed. Counts: $(REPORTS)/test.json, details: $(BUILD)/test/, firmware: $(REPORTS)/firmware.json"
 
 .PHONY: lint
 lint: $(STAMPS)/venv ## ruff on the Python files, clang-format on the C and C++ files

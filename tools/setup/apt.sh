@@ -15,7 +15,8 @@ packages() {
       echo "libeigen3-dev"
       echo "python3 have python3" ;; # the size report and the generators of the build: standard library only
     sim) # simulation, as a Python module
-      echo "libmujoco-dev" ;;
+      echo "libmujoco-dev"
+      echo "libqhull-dev" ;; # its headers are named by MuJoCo's CMake package, which does not depend on them
     python) # interpreter of the .venv, with headers for the module
       echo "python3.11 have python3.11"
       echo "python3.11-venv tools/setup/python.sh --usable"
