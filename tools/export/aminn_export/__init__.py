@@ -1,1 +1,1 @@
-"""Turns a trained AMINN into what other programs run: ONNX, C source, a binary for a flash partition, golden vectors."""
+"""Turns a trained AMINN into what other programs run: ONNX, C source, a binary for a flash partition, test vectors."""

@@ -357,7 +357,8 @@ class _AminnGraph:
             motion = g.op("MatMul", self.a_s, x, name="motion")  # (S, N, 3, 3, 1) times sqrt(c)
             product = g.op("MatMul", self.inverse_3x3(regular, 3, "j_q"), motion, name="dq0_negative")
             raw = g.op("Neg", product, name="dq0_col")  # the other sqrt(c) follows
-        live = g.op("Mul", self.root_flag, g.constant("coord_mask", self.tensors["coord_mask"]), name="coord_live")  # (N, 3, 3)
+        mask = g.constant("coord_mask", self.tensors["coord_mask"])
+        live = g.op("Mul", self.root_flag, mask, name="coord_live")  # (N, 3, 3)
         return g.op("Mul", g.reshape(raw, [0, 0, 3, 3], "dq0_raw"), live, name="dq0_both")
 
     def gates(self, springs: dict[str, str], dq0: str) -> str:

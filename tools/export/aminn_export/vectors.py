@@ -125,9 +125,7 @@ def read_vectors(path: Path | str) -> Vectors:
     z = None
     if has_f64:
         z = np.frombuffer(payload, "<f8", n * N_OUT, 4 * n * (N_IN + N_OUT)).reshape(n, N_OUT)
-    return Vectors(
-        unpack(x, INPUT_SHAPES), unpack(y, OUTPUT_SHAPES), None if z is None else unpack(z, OUTPUT_SHAPES)
-    )
+    return Vectors(unpack(x, INPUT_SHAPES), unpack(y, OUTPUT_SHAPES), None if z is None else unpack(z, OUTPUT_SHAPES))
 
 
 def read_results(path: Path | str) -> Results:

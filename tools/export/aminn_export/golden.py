@@ -1,0 +1,63 @@
+"""Golden vectors: samples of a data set with what ONNX Runtime and a float64 evaluation make of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import onnxruntime as ort
+from numpy.typing import NDArray
+
+from aminn.dataset import Dataset
+from aminn.dims import INPUT_SHAPES, OUTPUT_SHAPES
+
+from .reference import Reference
+from .tables import Exported
+from .vectors import write_vectors
+
+GOLDEN_SAMPLES = 200
+CHUNK = 1024
+
+
+def single_thread_session(model: Path | bytes) -> ort.InferenceSession:
+    """An ONNX Runtime session on one CPU thread."""
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    source = model if isinstance(model, bytes) else str(model)
+    return ort.InferenceSession(source, options, providers=["CPUExecutionProvider"])
+
+
+def run_onnx(session: ort.InferenceSession, inputs: dict[str, NDArray]) -> dict[str, NDArray[np.float32]]:
+    """All outputs by name."""
+    names = [o.name for o in session.get_outputs()]
+    n = len(inputs["q"])
+    chunks = [{k: v[i : i + CHUNK] for k, v in inputs.items()} for i in range(0, max(n, 1), CHUNK)]
+    parts = [session.run(names, chunk) for chunk in chunks]
+    return {name: np.concatenate([p[i] for p in parts]) for i, name in enumerate(names)}
+
+
+def inputs_of(dataset: Dataset) -> dict[str, NDArray[np.float32]]:
+    """Model inputs of a data set, float32 as every runtime gets them."""
+    return {name: np.ascontiguousarray(dataset.samples[name], np.float32) for name in INPUT_SHAPES}
+
+
+def spread(stable: NDArray, n: int) -> NDArray[np.int64]:
+    """Indices of n samples, evenly spaced over the data set, half of them stable where there are enough of both."""
+    groups = [np.flatnonzero(stable > 0), np.flatnonzero(stable == 0)]
+    smaller = min(n // 2, *(len(g) for g in groups))
+    wanted = [smaller if len(g) == smaller else min(n - smaller, len(g)) for g in groups]
+    if sum(wanted) > n:
+        wanted = [n - n // 2, n // 2]
+    picks = [
+        g[np.linspace(0, len(g) - 1, k).round().astype(np.int64)] for g, k in zip(groups, wanted, strict=True) if k
+    ]
+    return np.sort(np.concatenate(picks)) if picks else np.zeros(0, np.int64)
+
+
+def write_golden(exported: Exported, onnx_file: Path, dataset: Dataset, path: Path, n: int = GOLDEN_SAMPLES) -> int:
+    """Write golden vectors of `dataset` to `path`; returns their number."""
+    inputs = inputs_of(dataset.take(spread(dataset.samples["stable"], n)))
+    outputs = run_onnx(single_thread_session(onnx_file), inputs)
+    exact = Reference(exported)(inputs)
+    write_vectors(path, inputs, outputs, {name: exact[name] for name in OUTPUT_SHAPES})
+    return len(inputs["q"])

@@ -1,0 +1,315 @@
+"""`aminn verify`: replays samples through ONNX Runtime and the compiled runtime, and fails on a difference.
+
+What is compared is what ships: `aminn.onnx`, `aminn_model.bin` in the host's `aminn_replay`, `aminn_model.c` compiled
+and linked with `libaminn_rt.a`, and on request the same model in a Cortex-M7 image under qemu. A float64 evaluation of
+the model's own tables says how far each of them is from exact arithmetic.
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+
+from aminn.dataset import SPLITS, Dataset, load_dataset, split_of
+from aminn.dims import INPUT_SHAPES, OUTPUT_SHAPES
+from aminn.errors import AminnError
+
+from .bin_model import BinModel, read_bin_model
+from .export import ONNX_FILE
+from .golden import inputs_of, run_onnx, single_thread_session
+from .reference import Reference
+from .vectors import Results, read_results, read_vectors, write_vectors
+
+Array = NDArray[np.float64]
+Report = dict[str, float | int | bool | str]
+
+LENGTH_M = 0.1
+# What a displacement may differ by: a share of its own norm, which grows with the conditioning of K_x, and a floor.
+RELATIVE_LIMIT, CONDITION_LIMIT, FLOOR_M = 1e-4, 1e-7, 1e-9
+MEDIAN_LIMIT = 2e-6
+P_STABLE_LIMIT = 1e-5
+TARGETS = {"host_bin": "host, .bin", "host_c": "host, .c", "cortex_m7": "Cortex-M7"}
+
+
+@dataclass(frozen=True)
+class Samples:
+    """What is replayed, and what messages call it."""
+
+    inputs: dict[str, NDArray[np.float32]]
+    names: Callable[[int], str]
+
+
+@dataclass(frozen=True)
+class Exact:
+    """ONNX Runtime's outputs, the float64 outputs, and what follows from them."""
+
+    onnx: dict[str, NDArray[np.float32]]
+    float64: dict[str, Array]
+    condition: Array
+    """Of K_x with lengths divided by 0.1 m (n)."""
+    tau: np.float32
+
+
+# --- samples --------------------------------------------------------------------------------------------------------
+def samples_of_dataset(dataset: Dataset, min_samples: int) -> Samples:
+    """The test split first, then validation and training samples until there are `min_samples`."""
+    split = split_of(dataset.samples["grasp_id"])
+    parts = [np.flatnonzero(split == SPLITS.index(name)) for name in ("test", "validation", "train")]
+    order = np.concatenate(parts)
+    if len(order) < min_samples:
+        raise AminnError(f"verify: the data set has {len(order)} samples, {min_samples} are asked for; simulate more")
+    index = order[: max(min_samples, len(parts[0]))]
+    grasp = dataset.samples["grasp_id"][index]
+    return Samples(inputs_of(dataset.take(index)), lambda i: f"grasp {grasp[i]}, sample {index[i]} of the data set")
+
+
+def load_samples(source: Path, min_samples: int) -> Samples:
+    """Samples of a data set (a folder) or of a vector file."""
+    if source.is_dir():
+        return samples_of_dataset(load_dataset(source), min_samples)
+    return Samples(read_vectors(source).inputs, lambda i: f"sample {i} of {source.name}")
+
+
+# --- replays --------------------------------------------------------------------------------------------------------
+def _run(command: list[str | Path], what: str) -> str:
+    done = subprocess.run([str(c) for c in command], capture_output=True, text=True)
+    if done.returncode:
+        raise AminnError(f"{what} failed with exit code {done.returncode}: {(done.stderr or done.stdout).strip()}")
+    return done.stdout
+
+
+def find_in(build_dir: Path, name: str) -> Path:
+    """The file of this name below a build folder."""
+    found = sorted(build_dir.rglob(name))
+    if not found:
+        raise AminnError(f"{build_dir}: no {name} there; build the C runtime first (`make` targets do)")
+    return found[0]
+
+
+def cmake_cache(build_dir: Path) -> dict[str, str]:
+    """The variables of a CMake build folder."""
+    file = build_dir / "CMakeCache.txt"
+    if not file.is_file():
+        raise AminnError(f"{build_dir}: no CMakeCache.txt; this is not a build folder of the C runtime")
+    return dict(re.findall(r"^(\w+):\w+=(.*)$", file.read_text(), re.MULTILINE))
+
+
+def runtime_source(build_dir: Path) -> Path:
+    """The runtime's source folder, from the build folder of the tree or of the runtime alone."""
+    home = Path(cmake_cache(build_dir)["CMAKE_HOME_DIRECTORY"])
+    for folder in (home / "runtime", home):
+        if (folder / "include" / "aminn_rt.h").is_file():
+            return folder
+    raise AminnError(f"{build_dir}: its source folder {home} has no runtime/include/aminn_rt.h")
+
+
+def model_prefix(export_dir: Path) -> str:
+    """Symbol prefix of the C model in an export folder."""
+    headers = sorted(export_dir.glob("*.h"))
+    if len(headers) != 1:
+        raise AminnError(f"{export_dir}: {len(headers)} headers there; `aminn export` writes one C model into a folder")
+    return headers[0].stem
+
+
+def compile_fixed_replay(export_dir: Path, build_dir: Path, program: Path) -> None:
+    """Compile the exported C model and the replay program into one executable."""
+    source, prefix = runtime_source(build_dir), model_prefix(export_dir)
+    compiler = cmake_cache(build_dir).get("CMAKE_C_COMPILER", "cc")
+    command = [compiler, "-std=c99", "-O2", "-Wall", "-Wextra", "-Werror"]
+    command += [f'-DAMINN_REPLAY_HEADER="{prefix}.h"', f"-DAMINN_REPLAY_MODEL={prefix}"]
+    command += [f"-I{source / 'include'}", f"-I{export_dir}", str(source / "tools" / "aminn_replay.c")]
+    command += [str(export_dir / f"{prefix}.c"), str(find_in(build_dir, "libaminn_rt.a")), "-lm", "-o", str(program)]
+    _run(command, "compiling the C model")
+
+
+def _replay_bin(export_dir: Path, build_dir: Path, vectors: Path, out: Path) -> None:
+    model = export_dir / f"{model_prefix(export_dir)}.bin"
+    _run([find_in(build_dir, "aminn_replay"), model, vectors, out], "aminn_replay")
+
+
+def _replay_c(export_dir: Path, build_dir: Path, vectors: Path, out: Path) -> None:
+    program = vectors.with_name("replay_c")
+    compile_fixed_replay(export_dir, build_dir, program)
+    _run([program, vectors, out], "the compiled model")
+
+
+def _replay_firmware(export_dir: Path, build_dir: Path, vectors: Path, out: Path) -> None:
+    raise NotImplementedError
+
+
+# --- comparison -----------------------------------------------------------------------------------------------------
+def scaled_norm(dx: NDArray) -> Array:
+    """Size (n), m, of displacements with rotations times 0.1 m."""
+    return np.linalg.norm(np.asarray(dx, np.float64) * ([1.0] * 3 + [LENGTH_M] * 3), axis=1)
+
+
+def scaled_condition(k_x: Array) -> Array:
+    """Condition number (n) of stiffness matrices with lengths divided by 0.1 m."""
+    s = np.array([1.0] * 3 + [1 / LENGTH_M] * 3)
+    return np.linalg.cond(k_x * s[:, None] * s)
+
+
+def limits(dx: NDArray, condition: Array) -> Array:
+    """How far (m) each displacement may be from dx (n, 6)."""
+    return np.maximum(RELATIVE_LIMIT, CONDITION_LIMIT * condition) * scaled_norm(dx) + FLOOR_M
+
+
+def _relative(values: NDArray, reference: NDArray) -> Array:
+    """Largest difference over the reference's largest entry, sample by sample."""
+    n = len(values)
+    a, b = (np.asarray(v, np.float64).reshape(n, -1) for v in (values, reference))
+    return np.abs(a - b).max(1) / np.abs(b).max(1)
+
+
+def _largest(values: Array) -> float:
+    return float(values.max(initial=0.0))
+
+
+def dx_figures(dx: NDArray, reference: NDArray) -> tuple[Report, Array]:
+    """Relative differences of displacements: (figures, differences (n), m)."""
+    difference = scaled_norm(np.asarray(dx, np.float64) - np.asarray(reference, np.float64))
+    relative = difference / np.maximum(scaled_norm(reference), 1e-30)
+    figures: Report = {
+        "dx_relative_max": _largest(relative),
+        "dx_relative_p99": float(np.quantile(relative, 0.99)),
+        "dx_relative_median": float(np.median(relative)),
+        "dx_abs_max_m": _largest(difference),
+    }
+    return figures, difference
+
+
+def compare(results: Results, exact: Exact) -> tuple[Report, dict[str, Array]]:
+    """Figures of a replay against ONNX Runtime, and per criterion the share of its limit (n): above 1 is a failure."""
+    out, onnx = results.outputs, exact.onnx
+    figures, difference = dx_figures(out["dx_ht"], onnx["dx_ht"])
+    float64, _ = dx_figures(out["dx_ht"], exact.float64["dx_ht"])
+    p = np.abs(out["p_stable"].astype(np.float64) - onnx["p_stable"])
+    decision = results.stable != (onnx["p_stable"] >= exact.tau)
+    shares = {
+        "refused": (results.status != 0).astype(float) * 2,
+        "dx_ht": difference / limits(onnx["dx_ht"], exact.condition),
+        "p_stable": p / P_STABLE_LIMIT,
+        "stable": decision.astype(float) * 2,
+    }
+    figures |= {
+        "dx_share_of_limit_max": _largest(shares["dx_ht"]),
+        "p_stable_abs_max": _largest(p),
+        "decisions_different": int(decision.sum()),
+        "k_x_relative_max": _largest(_relative(out["k_x"], onnx["k_x"])),
+        "gate_abs_max": _largest(np.abs(out["gate"].astype(np.float64) - onnx["gate"]).ravel()),
+        "float64_dx_relative_median": float64["dx_relative_median"],
+        "float64_dx_relative_max": float64["dx_relative_max"],
+        "refused": int((results.status != 0).sum()),
+    }
+    return figures, shares
+
+
+def failures(target: str, figures: Report, shares: dict[str, Array], samples: Samples) -> list[str]:
+    """A line for each criterion that is not met, with the worst sample."""
+    lines = []
+    for output, share in shares.items():
+        bad = ~(share <= 1)  # NaN fails too
+        if bad.any():
+            worst = int(np.argmax(np.where(np.isnan(share), np.inf, share)))
+            what = {"refused": "refused by the runtime", "stable": "another decision"}.get(
+                output, f"{share[worst]:.3g} times its limit"
+            )
+            lines.append(f"{target}: {output}: {int(bad.sum())} samples differ; worst: {samples.names(worst)}: {what}")
+    median = figures["dx_relative_median"]
+    if not median < MEDIAN_LIMIT:
+        lines.append(f"{target}: dx_ht: median relative difference {median:.3g}, the limit is {MEDIAN_LIMIT:g}")
+    return lines
+
+
+def evaluate_exact(export_dir: Path, model: BinModel, inputs: dict[str, NDArray]) -> Exact:
+    """ONNX Runtime's and the float64 outputs."""
+    file = export_dir / ONNX_FILE
+    if not file.is_file():
+        raise AminnError(f"{export_dir}: no {ONNX_FILE}; is this a folder that `aminn export` wrote?")
+    onnx = run_onnx(single_thread_session(file), inputs)
+    float64 = Reference(model)(inputs)
+    exact = {name: float64[name] for name in OUTPUT_SHAPES}
+    return Exact(onnx, exact, scaled_condition(exact["k_x"]), np.float32(model.meta["tau"]))
+
+
+def _onnx_figures(exact: Exact) -> Report:
+    figures, _ = dx_figures(exact.onnx["dx_ht"], exact.float64["dx_ht"])
+    return {
+        "onnx_float64_dx_relative_median": figures["dx_relative_median"],
+        "onnx_float64_dx_relative_max": figures["dx_relative_max"],
+        "onnx_float64_p_stable_abs_max": _largest(np.abs(exact.onnx["p_stable"] - exact.float64["p_stable"])),
+        "k_x_condition_median": float(np.median(exact.condition)),
+        "k_x_condition_max": _largest(exact.condition),
+        "predicted_stable_share": float((exact.onnx["p_stable"] >= exact.tau).mean()),
+    }
+
+
+# --- the command ----------------------------------------------------------------------------------------------------
+ROWS = (
+    ("dx_relative_max", "dx_ht, relative, largest", "{:.2e}"),
+    ("dx_relative_median", "dx_ht, relative, median", "{:.2e}"),
+    ("dx_share_of_limit_max", "dx_ht, share of its limit", "{:.3f}"),
+    ("dx_abs_max_m", "dx_ht, m", "{:.2e}"),
+    ("p_stable_abs_max", "p_stable", "{:.2e}"),
+    ("k_x_relative_max", "k_x, relative", "{:.2e}"),
+    ("gate_abs_max", "gate", "{:.2e}"),
+    ("decisions_different", "other decisions", "{:d}"),
+    ("refused", "refused", "{:d}"),
+    ("float64_dx_relative_median", "dx_ht against float64, median", "{:.2e}"),
+    ("float64_dx_relative_max", "dx_ht against float64, largest", "{:.2e}"),
+)
+
+
+def format_report(report: Report) -> str:
+    """The table that the command prints."""
+    targets = [t for t in (*TARGETS, "onnx") if any(k.startswith(f"{t}_") for k in report)]
+    rows = [["largest differences from ONNX Runtime", *(TARGETS.get(t, "ONNX itself") for t in targets)]]
+    for key, text, form in ROWS:
+        values = [report.get(f"{t}_{key}") for t in targets]
+        rows.append([text, *("-" if v is None else form.format(v) for v in values)])
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    return "\n".join("  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows)
+
+
+def verify(
+    export_dir: Path,
+    source: Path,
+    build_dir: Path,
+    min_samples: int = 1000,
+    firmware: bool = False,
+    echo: Callable[[str], object] = click.echo,
+) -> Report:
+    """Replay `source` (data set folder or vector file) through the models of `export_dir`; returns flat figures.
+
+    `build_dir` holds the compiled runtime. "ok" tells whether every sample met every criterion; "failures" says which
+    did not. Raises AminnError where something cannot be run at all.
+    """
+    model = read_bin_model(export_dir / f"{model_prefix(export_dir)}.bin")
+    samples = load_samples(source, min_samples)
+    exact = evaluate_exact(export_dir, model, samples.inputs)
+    report: Report = {"samples": len(samples.inputs["q"])} | _onnx_figures(exact)
+    replays = {"host_bin": _replay_bin, "host_c": _replay_c} | ({"cortex_m7": _replay_firmware} if firmware else {})
+    wrong: list[str] = []
+    with tempfile.TemporaryDirectory(prefix="aminn-verify-") as folder:
+        vectors = Path(folder) / "vectors.bin"
+        write_vectors(vectors, {name: samples.inputs[name] for name in INPUT_SHAPES}, exact.onnx)
+        for target, replay in replays.items():
+            out = Path(folder) / f"{target}.bin"
+            replay(export_dir, build_dir, vectors, out)
+            figures, shares = compare(read_results(out), exact)
+            report |= {f"{target}_{key}": value for key, value in figures.items()}
+            wrong += failures(TARGETS[target], figures, shares, samples)
+    report |= {"ok": not wrong, "failures": "; ".join(wrong)}
+    echo(f"{report['samples']} samples, {report['predicted_stable_share']:.1%} predicted stable")
+    echo(format_report(report))
+    for line in wrong:
+        echo(line)
+    return report
