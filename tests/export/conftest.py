@@ -1,0 +1,60 @@
+"""A random model, its exported files, the compiled runtime, and an untrained checkpoint on a made-up data set."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TESTS = Path(__file__).resolve().parent.parent
+# Helpers of the other folders: random models and states of the runtime's tests, the made-up data set of the trainer's.
+sys.path[:0] = [str(TESTS / "runtime"), str(TESTS / "trainer")]
+
+from random_model import RandomModel, random_model  # noqa: E402
+from synthetic import hand, write_dataset  # noqa: E402
+
+from aminn.checkpoint import save_checkpoint  # noqa: E402
+from aminn.model import Aminn, ModelConfig  # noqa: E402
+from aminn.nominal import nominal_from_hand  # noqa: E402
+from aminn_export.export import write_model_files  # noqa: E402
+
+
+@pytest.fixture(scope="session")
+def exported() -> RandomModel:
+    return random_model(1)
+
+
+@pytest.fixture(scope="session")
+def export_dir(exported: RandomModel, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """All model files of the random model."""
+    folder = tmp_path_factory.mktemp("export")
+    write_model_files(exported, folder, "aminn_model")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def build_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A build folder of the runtime: the tree's own, else a new one."""
+    folder = TESTS.parent / "build" / "host"
+    if not list(folder.rglob("libaminn_rt.a")):
+        folder = tmp_path_factory.mktemp("host")
+        for command in (["cmake", "-S", TESTS.parent / "runtime", "-B", folder], ["cmake", "--build", folder]):
+            subprocess.run([str(c) for c in command], check=True, capture_output=True)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("made-up") / "data"
+    write_dataset(folder, grasps=40, cases=8)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def checkpoint_dir(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An untrained AMINN."""
+    folder = tmp_path_factory.mktemp("checkpoint") / "aminn"
+    save_checkpoint(folder, Aminn(ModelConfig(), nominal_from_hand(hand())), {"tau": 0.5173})
+    return folder
