@@ -25,8 +25,8 @@
  *     blob must outlive it, unchanged.
  *   - The context (aminn_t) belongs to the caller: static, on a stack, wherever. sizeof(aminn_t) is a compile-time
  *     constant and is all the working memory that a prediction needs beside its stack (about 3 kB on a Cortex-M7;
- *     docs/runtime.md has the measured figure). It may be moved or copied with memcpy between calls. There is nothing to
- *     free.
+ *     docs/runtime.md has the measured figure). It may be moved or copied with memcpy between calls. There is nothing
+ *     to free.
  *   - Alignment: natural alignment of float and of pointers. No stricter alignment is ever assumed.
  *
  * REENTRANCY, THREADS AND INTERRUPTS
@@ -35,8 +35,8 @@
  *     own context.
  *   - All other functions are reentrant.
  *   - Nothing blocks, waits or disables interrupts. There is no iteration: run time does not depend on the input's
- *     values, except that stage 2 is skipped when the grasp is predicted not to hold (see AMINN_FLAG_ALWAYS_STAGE2), that
- *     a rejected input returns early, and by the few branches inside math.h functions. So the worst case is one
+ *     values, except that stage 2 is skipped when the grasp is predicted not to hold (see AMINN_FLAG_ALWAYS_STAGE2),
+ *     that a rejected input returns early, and by the few branches inside math.h functions. So the worst case is one
  *     prediction with both stages.
  *   - On a core with an FPU the FPU must be enabled, and its registers must be saved around an interrupt that predicts.
  *   - math.h functions are used (expf, logf, tanhf, sinf, cosf, sqrtf). They may set errno.
@@ -142,114 +142,127 @@ typedef enum aminn_status { AMINN_STATUS_LIST(AMINN_STATUS_ENUM) } aminn_status_
 #define AMINN_DQ0_STATICS 0u /* from the contact forces: K^-1 B^T f */
 #define AMINN_DQ0_INVERSE 1u /* from the inverse of j_q + eps_jq I */
 
-/* clang-format off: columns of comments */
-
 /* Tables and constants of one stage. Widths: HC contact_width, H width. Weights are stored [input][output], so that the
  * product is a sum of contiguous columns. Every pointer is to read-only float tables, normally in flash. */
 typedef struct aminn_stage_model {
-    float eps_m;                  /* isotropic contact compliance, m/N, > 0                                           */
-    float eps_kx;                 /* added stiffness, N/m and N.m/rad, > 0                                            */
-    float eps_jq;                 /* regularisation of j_q in AMINN_DQ0_INVERSE, m/rad, >= 0                          */
-    const float *contact_mean;    /* normalisation of the contact input                                      (51)     */
-    const float *contact_inv_std; /*                                                                         (51)     */
-    const float *global_mean;     /* normalisation of q, x_ht, w_e, signed log of w_e                        (26)     */
-    const float *global_inv_std;  /*                                                                         (26)     */
-    const float *contact_w;       /* contact summary                                                    (51 x HC)     */
-    const float *contact_b;       /*                                                                         (HC)     */
-    const float *trunk1_w;        /* input: contact summary, then global state                      (HC + 26 x H)     */
-    const float *trunk1_b;        /*                                                                          (H)     */
-    const float *trunk2_w;        /*                                                                      (H x H)     */
-    const float *trunk2_b;        /*                                                                          (H)     */
-    const float *head_w;          /* mechanics head: 13 corrections a branch                             (H x 39)     */
-    const float *head_b;          /*                                                                         (39)     */
+    float eps_m;                  /* isotropic contact compliance, m/N, > 0 */
+    float eps_kx;                 /* added stiffness, N/m and N.m/rad, > 0 */
+    float eps_jq;                 /* regularisation of j_q in AMINN_DQ0_INVERSE, m/rad, >= 0 */
+    const float *contact_mean;    /* (51)            normalisation of the contact input */
+    const float *contact_inv_std; /* (51) */
+    const float *global_mean;     /* (26)            normalisation of q, x_ht, w_e, signed log of w_e */
+    const float *global_inv_std;  /* (26) */
+    const float *contact_w;       /* (51 x HC)       contact summary */
+    const float *contact_b;       /* (HC) */
+    const float *trunk1_w;        /* (HC + 26 x H)   input: contact summary, then global state */
+    const float *trunk1_b;        /* (H) */
+    const float *trunk2_w;        /* (H x H) */
+    const float *trunk2_b;        /* (H) */
+    const float *head_w;          /* (H x 39)        mechanics head: 13 corrections a branch */
+    const float *head_b;          /* (39) */
 } aminn_stage_model_t;
 
 /* A trained model: constants and pointers to its tables. Written by `aminn export` as C source, or filled in by
  * aminn_model_from_blob(). Not meant to be written by hand. HD is classifier_width. */
 typedef struct aminn_model {
-    uint32_t format_version;       /* AMINN_FORMAT_VERSION                                                          */
-    uint32_t n_branch;             /* AMINN_N_BRANCH, and so on: a model made for another hand is refused           */
-    uint32_t n_coord;              /*                                                                               */
-    uint32_t n_joint;              /*                                                                               */
-    uint32_t n_contact_feature;    /*                                                                               */
-    uint32_t n_wrench;             /*                                                                               */
-    uint32_t contact_width;        /* HC, 1 .. AMINN_MAX_WIDTH                                                      */
-    uint32_t width;                /* H,  1 .. AMINN_MAX_WIDTH                                                      */
-    uint32_t classifier_width;     /* HD, 1 .. AMINN_MAX_WIDTH                                                      */
-    uint32_t dq0;                  /* AMINN_DQ0_STATICS or AMINN_DQ0_INVERSE                                        */
-    uint8_t checkpoint_sha256[32]; /* SHA-256 of the checkpoint it was exported from                                */
-    float length_scale;            /* makes rotations and translations comparable, m, > 0                           */
-    float log_range;               /* springs stay within exp(+-log_range) of nominal, >= 0                         */
-    float displacement_log_scale;  /* m, > 0                                                                        */
-    float tau;                     /* the grasp holds if p_stable >= tau, 0 .. 1                                    */
-    const float *wrench_log_scale; /* N, N.m; > 0                                                           (6)     */
-    const float *chol_nom;         /* nominal springs, Cholesky factor 00 11 22 10 20 21               (3 x 6)      */
-    const float *tendon_dir_nom;   /* nominal tendon direction                                          (3 x 3)     */
-    const float *tendon_gain_nom;  /* N.m/rad, > 0                                                          (3)     */
-    const float *gate_nom;         /* alpha 1/rad, beta rad, rho                                            (3)     */
-    const float *coord_mask;       /* 1 where a branch has the coordinate, else 0                       (3 x 3)     */
-    const float *geom_base;        /* m, H: where roll and proximal axis of a branch meet               (3 x 3)     */
-    const float *geom_axis;        /* unit, H: joint axes at q = 0; zeros where absent              (3 x 3 x 3)     */
-    const float *geom_link_a;      /* m, H: base to distal joint at q = 0                               (3 x 3)     */
-    const float *aux_mean;         /* stage 1's classifier: normalisation of what statics gives            (15)     */
-    const float *aux_inv_std;      /*                                                                      (15)     */
-    const float *cls1_w;           /* input: trunk's output, then statics                          (H + 15 x HD)    */
-    const float *cls1_b;           /*                                                                      (HD)     */
-    const float *cls2_w;           /*                                                                      (HD)     */
-    const float *cls2_b;           /*                                                                       (1)     */
-    aminn_stage_model_t stage[AMINN_N_STAGE]; /* 0: stage 1, 1: stage 2                                               */
+    uint32_t format_version; /* AMINN_FORMAT_VERSION */
+    uint32_t n_branch;       /* AMINN_N_BRANCH, and so on: a model made for another hand is refused */
+    uint32_t n_coord;
+    uint32_t n_joint;
+    uint32_t n_contact_feature;
+    uint32_t n_wrench;
+    uint32_t contact_width;        /* HC, 1 .. AMINN_MAX_WIDTH */
+    uint32_t width;                /* H,  1 .. AMINN_MAX_WIDTH */
+    uint32_t classifier_width;     /* HD, 1 .. AMINN_MAX_WIDTH */
+    uint32_t dq0;                  /* AMINN_DQ0_STATICS or AMINN_DQ0_INVERSE */
+    uint8_t checkpoint_sha256[32]; /* SHA-256 of the checkpoint it was exported from */
+    float length_scale;            /* makes rotations and translations comparable, m, > 0 */
+    float log_range;               /* springs stay within exp(+-log_range) of nominal, >= 0 */
+    float displacement_log_scale;  /* m, > 0 */
+    float tau;                     /* the grasp holds if p_stable >= tau, 0 .. 1 */
+    const float *wrench_log_scale; /* (6)             N, N.m; > 0 */
+    const float *chol_nom;         /* (3 x 6)         nominal springs, Cholesky factor 00 11 22 10 20 21 */
+    const float *tendon_dir_nom;   /* (3 x 3)         nominal tendon direction */
+    const float *tendon_gain_nom;  /* (3)             N.m/rad, > 0 */
+    const float *gate_nom;         /* (3)             alpha 1/rad, beta rad, rho */
+    const float *coord_mask;       /* (3 x 3)         1 where a branch has the coordinate, else 0 */
+    const float *geom_base;        /* (3 x 3)         m, H: where roll and proximal axis of a branch meet */
+    const float *geom_axis;        /* (3 x 3 x 3)     unit, H: joint axes at q = 0; zeros where absent */
+    const float *geom_link_a;      /* (3 x 3)         m, H: base to distal joint at q = 0 */
+    const float *aux_mean;         /* (15)            stage 1's classifier: normalisation of what statics gives */
+    const float *aux_inv_std;      /* (15) */
+    const float *cls1_w;           /* (H + 15 x HD)   input: trunk's output, then statics */
+    const float *cls1_b;           /* (HD) */
+    const float *cls2_w;           /* (HD) */
+    const float *cls2_b;           /* (1) */
+    aminn_stage_model_t stage[AMINN_N_STAGE]; /* 0: stage 1, 1: stage 2 */
 } aminn_model_t;
 
 /* ---- Inputs and outputs ---------------------------------------------------------------------------------------- */
 
 /* State of hand, tool and load. Every number must be finite. */
 typedef struct aminn_state {
-    float q[AMINN_N_JOINT];     /* joint angles, rad                                                                 */
-    float x_ht[AMINN_N_WRENCH]; /* tool pose in H: position (m), rotation vector (rad, length <= pi)                 */
-    float w_e[AMINN_N_WRENCH];  /* load on the tool: force (N), moment about the tool's origin (N.m), axes of H      */
+    /* joint angles, rad */
+    float q[AMINN_N_JOINT];
+
+    /* tool pose in H: position (m), rotation vector (rad, length <= pi) */
+    float x_ht[AMINN_N_WRENCH];
+
+    /* load on the tool: force (N), moment about the tool's origin (N.m), axes of H */
+    float w_e[AMINN_N_WRENCH];
+
+    /* a row a branch: in contact (0 .. 1), position (m, H), unit normal into the tool (H), normal force (N). At least
+     * one branch must be in contact. A row whose flag is 0 has no influence; a flag between fades the branch in. */
     float contacts[AMINN_N_BRANCH][AMINN_N_CONTACT_FEATURE];
-    /* a row a branch: in contact (0 .. 1), position (m, H), unit normal into the tool (H),
-                                  * normal force (N). At least one branch must be in contact. A row whose flag is 0 has
-                                  * no influence; a flag between 0 and 1 fades the branch in.                         */
 } aminn_state_t;
 
 /* The same and the closure Jacobians, for callers that have them: j_x dx + j_q dq = 0 with dx the tool's motion and dq
  * that of the branch coordinates. In memory these are 125 floats in this order (vector files hold them so). */
 typedef struct aminn_input {
-    float q[AMINN_N_JOINT]; /* as in aminn_state_t                                                               */
+    /* as in aminn_state_t */
+    float q[AMINN_N_JOINT];
     float x_ht[AMINN_N_WRENCH];
     float w_e[AMINN_N_WRENCH];
     float contacts[AMINN_N_BRANCH][AMINN_N_CONTACT_FEATURE];
+
+    /* tool side, a block a branch: [ I3 | -[r]x ], r (m) from the tool's origin to the contact */
     float j_x[AMINN_N_BRANCH][3][AMINN_N_WRENCH];
-    /* [ I3 | -[r]x ], r (m) from the tool's origin to the contact                       */
+
+    /* joint side, a block a branch, m/rad: minus the velocity of the contact point at unit rate of each coordinate; a
+     * zero column where the branch lacks the coordinate */
     float j_q[AMINN_N_BRANCH][3][AMINN_N_COORD];
-    /* m/rad: minus the contact point's velocity for a unit rate of each coordinate; a zero
-                                  * column where the branch lacks the coordinate                                      */
 } aminn_input_t;
 
-/* A prediction. */
+/* A prediction. dx_ht, k_x and gate are NaN if the grasp is predicted not to hold: it has no displacement to predict.
+ * With AMINN_FLAG_ALWAYS_STAGE2 they are always numbers. */
 typedef struct aminn_output {
-    float p_stable;              /* probability that the grasp holds, 0 .. 1                                          */
-    float dx_ht[AMINN_N_WRENCH]; /* displacement of the tool in the hand: translation (m), rotation vector (rad), axes
-                                  * of H. NaN if the grasp is predicted not to hold (see AMINN_FLAG_ALWAYS_STAGE2)    */
+    /* probability that the grasp holds, 0 .. 1 */
+    float p_stable;
+
+    /* displacement of the tool in the hand: translation (m), rotation vector (rad), axes of H */
+    float dx_ht[AMINN_N_WRENCH];
+
+    /* stiffness of the grasped tool, symmetric positive definite: N/m, N/rad, N.m/m, N.m/rad by block */
     float k_x[AMINN_N_WRENCH][AMINN_N_WRENCH];
-    /* stiffness of the grasped tool, symmetric positive definite, N/m, N/rad, N.m/rad;
-                                  * NaN as dx_ht                                                                      */
-    float gate[AMINN_N_BRANCH]; /* engagement of each branch's tendon, 0 .. 1; NaN as dx_ht                          */
-    int32_t stable;             /* 1: the grasp holds (p_stable >= tau); 0: it does not                              */
+
+    /* engagement of each branch's tendon, 0 .. 1 */
+    float gate[AMINN_N_BRANCH];
+
+    /* 1: the grasp holds (p_stable >= tau); 0: it does not */
+    int32_t stable;
 } aminn_output_t;
 
 /* What one stage computed on its way, for logging and for comparing runtimes. */
 typedef struct aminn_stage_debug {
-    float k_spring[AMINN_N_BRANCH][AMINN_N_COORD][AMINN_N_COORD]; /* joint springs, SPD, N.m/rad                      */
-    float tendon_dir[AMINN_N_BRANCH][AMINN_N_COORD]; /* tendon direction in branch coordinates, unit                 */
-    float tendon_gain[AMINN_N_BRANCH];               /* tendon stiffness, N.m/rad, > 0                               */
-    float gate_params[AMINN_N_BRANCH][3];            /* alpha (1/rad), beta (rad), rho                               */
-    float dx0[AMINN_N_WRENCH];                       /* displacement with springs alone, m and rad                   */
-    float dq0[AMINN_N_BRANCH][AMINN_N_COORD];        /* deflection of the branch coordinates with springs alone, rad */
-    float gate[AMINN_N_BRANCH];                      /* tendon engagement, 0 .. 1                                    */
-    float k_x[AMINN_N_WRENCH][AMINN_N_WRENCH];       /* stiffness with tendons, SI                                   */
-    float dx[AMINN_N_WRENCH];                        /* displacement with tendons, m and rad                         */
+    float k_spring[AMINN_N_BRANCH][AMINN_N_COORD][AMINN_N_COORD]; /* joint springs, SPD, N.m/rad */
+    float tendon_dir[AMINN_N_BRANCH][AMINN_N_COORD];              /* tendon direction in branch coordinates, unit */
+    float tendon_gain[AMINN_N_BRANCH];                            /* tendon stiffness, N.m/rad, > 0 */
+    float gate_params[AMINN_N_BRANCH][3];                         /* alpha (1/rad), beta (rad), rho */
+    float dx0[AMINN_N_WRENCH];                                    /* displacement with springs alone, m and rad */
+    float dq0[AMINN_N_BRANCH][AMINN_N_COORD];  /* deflection of the branch coordinates with springs alone, rad */
+    float gate[AMINN_N_BRANCH];                /* tendon engagement, 0 .. 1 */
+    float k_x[AMINN_N_WRENCH][AMINN_N_WRENCH]; /* stiffness with tendons, SI */
+    float dx[AMINN_N_WRENCH];                  /* displacement with tendons, m and rad */
 } aminn_stage_debug_t;
 
 /* ---- Context --------------------------------------------------------------------------------------------------- */
@@ -257,11 +270,11 @@ typedef struct aminn_stage_debug {
 /* Working memory of one predictor. Public only so that its size is a constant: do not read or write its members. */
 typedef struct aminn_context {
     const aminn_model_t *model;
-    uint32_t tag; /* set by aminn_init                                                                 */
+    uint32_t tag; /* set by aminn_init */
     uint32_t flags;
-    uint32_t stages_done; /* bit i: stage[i] holds values of the latest prediction                             */
+    uint32_t stages_done; /* bit i: stage[i] holds values of the latest prediction */
     aminn_stage_debug_t stage[AMINN_N_STAGE];
-    aminn_input_t input; /* of aminn_predict_state: the state and its closure                                 */
+    aminn_input_t input; /* of aminn_predict_state: the state and its closure */
     float contact_input[AMINN_N_CONTACT_INPUT];
     float global_input[AMINN_N_GLOBAL_INPUT];
     float layer_in[AMINN_MAX_WIDTH + AMINN_N_CONTACT_INPUT];
@@ -269,8 +282,6 @@ typedef struct aminn_context {
     float feature[AMINN_MAX_WIDTH];
     float head[AMINN_N_HEAD];
 } aminn_t;
-
-/* clang-format on */
 
 /* Compute stage 2 also when stage 1 says that the grasp does not hold, so that dx_ht, k_x and gate are always numbers.
  * They then answer "how far would it move if it held". For comparisons; a controller does not need it. */
@@ -285,8 +296,8 @@ typedef struct aminn_context {
  *   model  checked with aminn_model_check(), kept by reference: must outlive the context.
  *   flags  0 or AMINN_FLAG_ALWAYS_STAGE2.
  *
- * Returns AMINN_OK, AMINN_E_NULL, AMINN_E_FLAGS, AMINN_E_CONTEXT_SIZE, or what aminn_model_check() returns. Reads all of
- * the model once: call it at start, not in the control loop.
+ * Returns AMINN_OK, AMINN_E_NULL, AMINN_E_FLAGS, AMINN_E_CONTEXT_SIZE, or what aminn_model_check() returns. Reads all
+ * of the model once: call it at start, not in the control loop.
  */
 static inline aminn_status_t aminn_init(aminn_t *ctx, const aminn_model_t *model, uint32_t flags);
 

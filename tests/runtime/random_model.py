@@ -1,5 +1,7 @@
-"""A model with random weights on a plausible hand, and plausible inputs: what the runtime is tested with when nothing has
-been trained. Deterministic in the seed."""
+"""A model with random weights on a plausible hand, and plausible inputs: what the runtime is tested with.
+
+Deterministic in the seed.
+"""
 
 from __future__ import annotations
 
@@ -38,14 +40,14 @@ def _geometry() -> dict[str, NDArray]:
 
 
 def _nominal() -> dict[str, NDArray]:
-    chol = np.array([[0.5, 0.45, 0.4, 0.0, 0.0, 0.1]] * 3)
+    chol = np.array([[1.5, 1.3, 1.2, 0.0, 0.0, 0.3]] * 3)
     chol[2, [0, 3, 4]] = [1.0, 0.0, 0.0]
     direction = np.array([[0.0, 0.8, 0.6]] * 3)
     return {
         "wrench_log_scale": np.array(WRENCH_LOG_SCALE),
         "chol_nom": chol,
         "tendon_dir_nom": direction,
-        "tendon_gain_nom": np.array([0.3, 0.3, 0.5]),
+        "tendon_gain_nom": np.array([3.0, 3.0, 5.0]),
         "gate_nom": np.array([20.0, 0.05, 2.0]),
         "coord_mask": _MASK,
     } | _geometry()
@@ -118,9 +120,7 @@ def _rotation(axis: NDArray, angle: NDArray) -> NDArray:
     return np.eye(3) + np.sin(a) * k + (1 - np.cos(a)) * (k @ k)
 
 
-def closure(
-    q: NDArray, x_ht: NDArray, contacts: NDArray, tensors: dict[str, NDArray]
-) -> tuple[NDArray, NDArray]:
+def closure(q: NDArray, x_ht: NDArray, contacts: NDArray, tensors: dict[str, NDArray]) -> tuple[NDArray, NDArray]:
     """j_x (n, 3, 3, 6) and j_q (n, 3, 3, 3) in float64 from the geometry, written from the definition."""
     q, x_ht, contacts = (np.asarray(v, float) for v in (q, x_ht, contacts))
     base, axis, link_a = (np.asarray(tensors[k], float) for k in ("geom_base", "geom_axis", "geom_link_a"))
