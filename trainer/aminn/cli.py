@@ -15,7 +15,7 @@ EXISTING = click.Path(path_type=Path, file_okay=False, exists=True)
 NEW_FILE = click.Path(path_type=Path, dir_okay=False)
 
 
-class Commands(click.Group):
+class Messages(click.Command):
     """Turns errors meant for the user into one line and exit code 1."""
 
     def invoke(self, ctx: click.Context) -> object:
@@ -25,6 +25,10 @@ class Commands(click.Group):
             raise click.ClickException(str(error)) from error
         except KeyboardInterrupt as error:
             raise click.ClickException("interrupted; the same command goes on where it stopped") from error
+
+
+class Commands(Messages, click.Group):
+    """A group whose commands do so."""
 
 
 @click.group(cls=Commands)
@@ -42,7 +46,7 @@ def main() -> None:
 @click.option("--shard-grasps", type=click.IntRange(1), default=None, help="Grasps per shard.")
 def simulate(out: Path, grasps: int, cases: int, seed: int, threads: int | None, shard_grasps: int | None) -> None:
     """Simulate grasps under load and write a labelled data set."""
-    from .stages import run_simulation
+    from .pipeline import run_simulation
 
     manifest = run_simulation(out, grasps, cases, seed, threads, shard_grasps)
     click.echo(f"{manifest['n_samples']} load cases of {manifest['n_grasps']} grasps in {out}")
@@ -92,7 +96,7 @@ def evaluate(data: Path, runs: tuple[Path, ...], split: str, json_file: Path | N
 @click.option("--prefix", default="aminn_model", show_default=True, help="Symbol prefix and file name of the C model.")
 def export(checkpoint: Path, data: Path, out: Path, prefix: str) -> None:
     """Write aminn.onnx, aminn_debug.onnx, the C model, its binary form and golden vectors."""
-    from .stages import run_export
+    from .pipeline import run_export
 
     for line in run_export(checkpoint, data, out, prefix):
         click.echo(line)
@@ -115,7 +119,7 @@ def export(checkpoint: Path, data: Path, out: Path, prefix: str) -> None:
 def verify(export_dir: Path, data: Path, build_dir: Path, samples: int, firmware: bool, json_file: Path | None) -> None:
     """Replay a data set through ONNX Runtime and the compiled runtime; fail on a mismatch."""
     from .checkpoint import write_json
-    from .stages import run_verify
+    from .pipeline import run_verify
 
     report = run_verify(export_dir, data, build_dir, samples, firmware)
     if json_file:
@@ -140,7 +144,7 @@ def report(data: Path, runs: tuple[Path, ...], verification: Path | None, out: P
     from .checkpoint import load_checkpoint
     from .dataset import load_dataset
     from .evaluate import evaluate as run
-    from .stages import run_report
+    from .pipeline import run_report
 
     checkpoints = [load_checkpoint(r) for r in runs]
     differences = json.loads(verification.read_text()) if verification else {}

@@ -130,19 +130,24 @@ TABLE_COLUMNS = {
 }
 
 
-def format_table(evaluation: Evaluation) -> str:
-    """The table that the commands print."""
-    rows = [["model", *(title for title, _ in TABLE_COLUMNS.values())]]
-    for name, figures in evaluation.table.items():
-        rows.append([name, *(fmt.format(figures[key]) for key, (_, fmt) in TABLE_COLUMNS.items())])
+def truth(evaluation: Evaluation) -> dict[str, float]:
+    """The ground truth's row of the table: its noise floor as error, and its own passivity."""
     labels = evaluation.labels
-    truth = {
+    return {
         "rmse_pose": labels["noise_floor_rmse_pose"],
         "relative_error_median": labels["noise_floor_relative_error_median"],
         "passivity_violation_translational": labels["passivity_violation_translational"],
         "passivity_violation_full": labels["passivity_violation_full"],
     }
-    cells = (fmt.format(truth[key]) if key in truth else "-" for key, (_, fmt) in TABLE_COLUMNS.items())
+
+
+def format_table(evaluation: Evaluation) -> str:
+    """The table that the commands print."""
+    rows = [["model", *(title for title, _ in TABLE_COLUMNS.values())]]
+    for name, figures in evaluation.table.items():
+        rows.append([name, *(fmt.format(figures[key]) for key, (_, fmt) in TABLE_COLUMNS.items())])
+    own = truth(evaluation)
+    cells = (fmt.format(own[key]) if key in own else "-" for key, (_, fmt) in TABLE_COLUMNS.items())
     rows.append(["ground truth", *cells])
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     lines = ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows]

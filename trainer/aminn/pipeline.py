@@ -1,0 +1,102 @@
+"""The stages of the path as single calls: the one place that knows simulation, trainer and exporter.
+
+The other packages are imported where they are used: who trains needs no exporter, who exports no simulator.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .checkpoint import Checkpoint
+from .evaluate import Evaluation, truth
+from .metrics import pose_size, signed_work
+
+if TYPE_CHECKING:
+    from .grasp_picture import GraspPicture
+
+
+def run_simulation(
+    out: Path, grasps: int, cases: int, seed: int, threads: int | None, shard_grasps: int | None
+) -> dict:
+    """Simulate a data set into folder `out`, or go on with an unfinished one; returns its manifest."""
+    from aminn_sim import SimulationConfig, simulate
+
+    settings = {"grasps": grasps, "cases": cases, "seed": seed}
+    if shard_grasps is not None:
+        settings["shard_grasps"] = shard_grasps
+    return simulate(SimulationConfig(**settings), out, threads=threads or os.cpu_count() or 1)
+
+
+def run_export(run: Path, data: Path, out: Path, prefix: str = "aminn_model") -> list[str]:
+    """Export the checkpoint in folder `run` into folder `out`; golden vectors come from `data`. A line for each file."""
+    from aminn_export.export import export
+
+    return export(run, out, prefix, data)
+
+
+def run_verify(exported: Path, data: Path, build: Path, samples: int = 1000, firmware: bool = False) -> dict:
+    """Replay `data` through ONNX Runtime and the compiled runtime; flat figures, "ok" among them."""
+    from aminn_export.verify import verify
+
+    return verify(exported, data, build, min_samples=samples, firmware=firmware)
+
+
+def _report_data(labels: dict, manifest: dict) -> dict[str, float | int | str]:
+    """What the page says of the data."""
+    whole = {"simulator": manifest["simulator"], "seed": manifest["seed"]}
+    whole |= {"grasps, in all": manifest["n_grasps"], "load cases, in all": manifest["n_samples"]}
+    return whole | {f"test split: {name.replace('_', ' ')}": value for name, value in labels.items()}
+
+
+def _example_grasp(result: Evaluation) -> GraspPicture:
+    """A stable test case that moves visibly: the one whose motion is nearest to the 95th percentile."""
+    from .grasp_picture import GraspPicture
+
+    data, s = result.data, result.data.samples
+    held = np.flatnonzero(s["stable"] > 0)
+    size = pose_size(s["dx_ht"][held])
+    row = int(held[np.argmin(np.abs(size - np.quantile(size, 0.95)))])
+    grasp = int(np.flatnonzero(data.grasps["grasp_id"] == s["grasp_id"][row])[0])
+    return GraspPicture(
+        hand=data.manifest["hand"],
+        tool_family=data.manifest["tool_families"][int(data.grasps["tool_family"][grasp])],
+        tool_size_m=data.grasps["tool_size_m"][grasp],
+        predicted_dx=result.predictions["aminn"].dx[row] if "aminn" in result.predictions else None,
+        **{name: s[name][row] for name in ("q", "q_after", "x_ht", "dx_ht", "w_e", "contacts")},
+    )
+
+
+def run_report(result: Evaluation, checkpoints: list[Checkpoint], differences: dict, out: Path) -> None:
+    """Write the report page of an evaluation to `out`; `differences` is what `run_verify` returned, or empty."""
+    from .report import ReportInputs, write_report
+
+    s = result.data.samples
+    held = s["stable"] > 0
+    learned = [c.model.kind for c in checkpoints]
+
+    counted = {name: (result.predictions[name].dx, result.predictions[name].stable) for name in learned}
+    counted["label"] = (s["dx_ht"], held)
+
+    def work(full: bool) -> dict[str, NDArray[np.float64]]:
+        return {name: signed_work(s["w_e"], dx, full)[where] for name, (dx, where) in counted.items()}
+
+    inputs = ReportInputs(
+        title="AMINN: grasp stability and in-hand displacement",
+        rows=[{"model": name} | figures for name, figures in result.table.items()]
+        + [{"model": "label"} | truth(result)],
+        signed_work=work(full=True),
+        signed_work_translational=work(full=False),
+        true_dx=s["dx_ht"][held],
+        predicted_dx={name: result.predictions[name].dx[held] for name in (*learned, "analytical")},
+        histories={c.model.kind: c.meta["history"] for c in checkpoints},
+        grasp=_example_grasp(result),
+        verification=differences,
+        dataset=_report_data(result.labels, result.data.manifest),
+    )
+    out.parent.mkdir(parents=True, exist_ok=True)
+    write_report(inputs, out)
