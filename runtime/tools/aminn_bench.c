@@ -1,0 +1,153 @@
+/*
+ * aminn_bench - time single predictions of the compiled runtime.
+ *
+ *   aminn_bench MODEL.bin VECTORS.bin ROUNDS
+ *
+ * Runs over all samples of the vector file ROUNDS times and prints, as one JSON object, the median, the 99th percentile and
+ * the largest time of one call in microseconds: of aminn_predict as a controller calls it (stage 2 only where the grasp
+ * holds), of aminn_predict with both stages (the worst case), and of aminn_predict_state, which computes the closure itself.
+ * Exits with 0, with 1 and a message on a bad file or a refused sample, with 2 on bad arguments.
+ */
+#define _POSIX_C_SOURCE 200809L
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "aminn_rt.h"
+#include "vector_file.h"
+
+typedef aminn_status_t (*call_t)(aminn_t *ctx, const aminn_input_t *in, aminn_output_t *out);
+
+static void die(const char *path, const char *what)
+{
+    fprintf(stderr, "aminn_bench: %s: %s\n", path, what);
+    exit(1);
+}
+
+/* whole file in memory that malloc aligned; *size is set */
+static void *read_file(const char *path, size_t *size)
+{
+    FILE *file = fopen(path, "rb");
+    void *bytes = NULL;
+    long end = -1;
+    if (file == NULL || fseek(file, 0, SEEK_END) != 0 || (end = ftell(file)) < 0 || fseek(file, 0, SEEK_SET) != 0) {
+        die(path, "cannot open");
+    }
+    bytes = malloc((size_t)end + 1);
+    if (bytes == NULL || fread(bytes, 1, (size_t)end, file) != (size_t)end) {
+        die(path, "cannot read");
+    }
+    fclose(file);
+    *size = (size_t)end;
+    return bytes;
+}
+
+/* header of a checked vector file; the samples start behind it */
+static const vector_header_t *open_vectors(const char *path)
+{
+    size_t size = 0;
+    const vector_header_t *header = read_file(path, &size);
+    const char *error = "truncated";
+    if (size >= sizeof *header) {
+        error = vector_header_error(header, size - sizeof *header);
+    }
+    if (error == NULL && vector_crc(0, header + 1, size - sizeof *header) != header->crc) {
+        error = "damaged: its CRC-32 does not match";
+    }
+    if (error == NULL && header->n == 0) {
+        error = "no samples";
+    }
+    if (error != NULL) {
+        die(path, error);
+    }
+    return header;
+}
+
+static aminn_status_t predict_state(aminn_t *ctx, const aminn_input_t *in, aminn_output_t *out)
+{
+    aminn_state_t state;
+    memcpy(state.q, in->q, sizeof state.q);
+    memcpy(state.x_ht, in->x_ht, sizeof state.x_ht);
+    memcpy(state.w_e, in->w_e, sizeof state.w_e);
+    memcpy(state.contacts, in->contacts, sizeof state.contacts);
+    return aminn_predict_state(ctx, &state, out);
+}
+
+static double elapsed_us(const struct timespec *from, const struct timespec *to)
+{
+    return 1e6 * (double)(to->tv_sec - from->tv_sec) + 1e-3 * (double)(to->tv_nsec - from->tv_nsec);
+}
+
+static int ascending(const void *a, const void *b)
+{
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+/* times every sample `rounds` times into times (n * rounds), sorted */
+static void time_calls(const aminn_model_t *model, uint32_t flags, call_t call, const vector_header_t *vectors,
+                       size_t rounds, double *times)
+{
+    static aminn_t ctx;
+    const float *samples = (const float *)(vectors + 1);
+    const size_t count = vectors->n * rounds;
+    size_t i;
+    if (aminn_init(&ctx, model, flags) != AMINN_OK) {
+        die("model", "refused by aminn_init");
+    }
+    for (i = 0; i < count; ++i) {
+        aminn_input_t in;
+        aminn_output_t out;
+        struct timespec start, stop;
+        aminn_status_t status;
+        memcpy(&in, samples + (i % vectors->n) * VECTOR_N_IN, sizeof in);
+        clock_gettime(CLOCK_MONOTONIC, &start);
+        status = call(&ctx, &in, &out);
+        clock_gettime(CLOCK_MONOTONIC, &stop);
+        if (status != AMINN_OK) {
+            die("a sample", aminn_status_name(status));
+        }
+        times[i] = elapsed_us(&start, &stop);
+    }
+    qsort(times, count, sizeof *times, ascending);
+}
+
+static void print_times(const char *name, const double *times, size_t count, const char *end)
+{
+    printf("\"%s_us_median\": %.3f, \"%s_us_p99\": %.3f, \"%s_us_max\": %.3f%s", name, times[count / 2], name,
+           times[(count * 99) / 100], name, times[count - 1], end);
+}
+
+int main(int argc, char **argv)
+{
+    aminn_model_t model;
+    const vector_header_t *vectors = NULL;
+    double *times = NULL;
+    size_t size = 0, rounds = 0, count;
+    aminn_status_t status;
+    const void *blob = NULL;
+    if (argc != 4 || (rounds = strtoul(argv[3], NULL, 10)) == 0 || rounds > 1000000) {
+        fprintf(stderr, "usage: %s MODEL.bin VECTORS.bin ROUNDS\n", argv[0]);
+        return 2;
+    }
+    blob = read_file(argv[1], &size);
+    status = aminn_model_from_blob(blob, size, &model);
+    if (status != AMINN_OK) {
+        die(argv[1], aminn_status_text(status));
+    }
+    vectors = open_vectors(argv[2]);
+    count = vectors->n * rounds;
+    times = malloc(count * sizeof *times);
+    if (times == NULL) {
+        die(argv[2], "out of memory");
+    }
+    printf("{");
+    time_calls(&model, 0, aminn_predict, vectors, rounds, times);
+    print_times("predict", times, count, ", ");
+    time_calls(&model, AMINN_FLAG_ALWAYS_STAGE2, aminn_predict, vectors, rounds, times);
+    print_times("both_stages", times, count, ", ");
+    time_calls(&model, AMINN_FLAG_ALWAYS_STAGE2, predict_state, vectors, rounds, times);
+    print_times("both_stages_and_closure", times, count, "}\n");
+    return 0;
+}

@@ -1,0 +1,53 @@
+# aminn_replay: a good run, and every kind of bad file: non-zero exit, a message that says what is wrong, no output left.
+#   cmake -DREPLAY=aminn_replay -DGOLDEN=tests/golden -DWORK=dir -P replay_test.cmake
+file(REMOVE_RECURSE "${WORK}")
+file(MAKE_DIRECTORY "${WORK}")
+set(OUT "${WORK}/out.bin")
+
+function(replay CODE MESSAGE)
+  file(REMOVE "${OUT}")
+  execute_process(COMMAND "${REPLAY}" ${ARGN} RESULT_VARIABLE RESULT OUTPUT_VARIABLE TEXT ERROR_VARIABLE TEXT)
+  if(NOT RESULT EQUAL CODE OR NOT TEXT MATCHES "${MESSAGE}")
+    message(FATAL_ERROR "expected exit ${CODE} and \"${MESSAGE}\", got ${RESULT}: ${TEXT}")
+  endif()
+  file(GLOB LEFT "${OUT}*")
+  if(CODE EQUAL 0 AND NOT LEFT STREQUAL OUT OR NOT CODE EQUAL 0 AND LEFT)
+    message(FATAL_ERROR "exit ${CODE} left ${LEFT}")
+  endif()
+endfunction()
+
+# the first COUNT bytes of FROM
+function(truncate FROM TO COUNT)
+  execute_process(COMMAND head -c ${COUNT} "${FROM}" OUTPUT_FILE "${TO}")
+endfunction()
+
+set(MODEL "${GOLDEN}/aminn_model.bin")
+set(VECTORS "${GOLDEN}/golden.bin")
+replay(0 "samples [1-9][0-9]*, refused 0" "${MODEL}" "${VECTORS}" "${OUT}")
+replay(2 "usage" "${MODEL}")
+replay(1 "No such file" "${WORK}/none.bin" "${VECTORS}" "${OUT}")
+replay(1 "No such file" "${MODEL}" "${WORK}/none.bin" "${OUT}")
+replay(1 "AMINN_E_MAGIC" "${VECTORS}" "${VECTORS}" "${OUT}")
+replay(1 "wrong magic" "${MODEL}" "${MODEL}" "${OUT}")
+truncate("${MODEL}" "${WORK}/short.bin" 5000)
+replay(1 "AMINN_E_SIZE" "${WORK}/short.bin" "${VECTORS}" "${OUT}")
+truncate("${VECTORS}" "${WORK}/short.bin" 5000)
+replay(1 "truncated" "${MODEL}" "${WORK}/short.bin" "${OUT}")
+truncate("${VECTORS}" "${WORK}/short.bin" 10)
+replay(1 "truncated" "${MODEL}" "${WORK}/short.bin" "${OUT}")
+file(WRITE "${WORK}/empty.bin" "")
+replay(1 "AMINN_E_SIZE" "${WORK}/empty.bin" "${VECTORS}" "${OUT}")
+replay(1 "No such file" "${MODEL}" "${VECTORS}" "${WORK}/none/out.bin")
+
+# damaged in the middle: same length, other bytes
+foreach(FILE IN ITEMS "${MODEL}" "${VECTORS}")
+  file(SIZE "${FILE}" SIZE)
+  math(EXPR REST "${SIZE} - 5004")
+  execute_process(
+    COMMAND sh -c "head -c 5000 '${FILE}'; printf 'XXXX'; tail -c ${REST} '${FILE}'" OUTPUT_FILE "${WORK}/damaged.bin")
+  if(FILE STREQUAL MODEL)
+    replay(1 "AMINN_E_CRC" "${WORK}/damaged.bin" "${VECTORS}" "${OUT}")
+  else()
+    replay(1 "CRC-32" "${MODEL}" "${WORK}/damaged.bin" "${OUT}")
+  endif()
+endforeach()

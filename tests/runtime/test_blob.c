@@ -1,0 +1,184 @@
+/* blob.cpp: aminn_model_from_blob, and damage at every region of a blob */
+#include <stdlib.h>
+
+#include "aminn_model.h"
+#include "support.h"
+
+enum { HEADER_SIZE = 128, CRC_START = 16, OFFSET_MAGIC = 0, OFFSET_VERSION = 4, OFFSET_SIZE = 8, OFFSET_CRC = 12 };
+
+static uint8_t *blob;
+static size_t size;
+static aminn_model_t model;
+
+void setUp(void)
+{
+    blob = load_file(GOLDEN_DIR "/aminn_model.bin", &size);
+    scribble(&model, sizeof model);
+}
+
+void tearDown(void)
+{
+    free(blob);
+}
+
+static void assert_refused(aminn_status_t status, const void *bytes, size_t len)
+{
+    static const aminn_model_t zero;
+    scribble(&model, sizeof model);
+    TEST_ASSERT_EQUAL_INT(status, aminn_model_from_blob(bytes, len, &model));
+    TEST_ASSERT_EQUAL_MEMORY(&zero, &model, sizeof model);
+}
+
+static void put_u32(size_t offset, uint32_t value)
+{
+    memcpy(blob + offset, &value, sizeof value);
+}
+
+static uint32_t get_u32(size_t offset)
+{
+    uint32_t value;
+    memcpy(&value, blob + offset, sizeof value);
+    return value;
+}
+
+/* so that a change gets past the CRC */
+static void seal(void)
+{
+    put_u32(OFFSET_CRC, vector_crc(0, blob + CRC_START, size - CRC_START));
+}
+
+static void a_good_blob_is_used_in_place(void)
+{
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_model_from_blob(blob, size, &model));
+    TEST_ASSERT_TRUE((const uint8_t *)model.wrench_log_scale == blob + HEADER_SIZE);
+    TEST_ASSERT_TRUE((const uint8_t *)(model.cls2_b + 1) == blob + size);
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_model_check(&model));
+}
+
+static void it_holds_what_the_c_source_holds(void)
+{
+    const size_t hd = aminn_model.classifier_width, h = aminn_model.width;
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_model_from_blob(blob, size, &model));
+    TEST_ASSERT_EQUAL_UINT32(aminn_model.contact_width, model.contact_width);
+    TEST_ASSERT_EQUAL_UINT32(aminn_model.width, model.width);
+    TEST_ASSERT_EQUAL_UINT32(aminn_model.classifier_width, model.classifier_width);
+    TEST_ASSERT_EQUAL_UINT32(aminn_model.dq0, model.dq0);
+    TEST_ASSERT_EQUAL_MEMORY(aminn_model.checkpoint_sha256, model.checkpoint_sha256, 32);
+    TEST_ASSERT_EQUAL_MEMORY(&aminn_model.tau, &model.tau, sizeof(float));
+    TEST_ASSERT_EQUAL_MEMORY(&aminn_model.stage[1].eps_m, &model.stage[1].eps_m, 3 * sizeof(float));
+    TEST_ASSERT_EQUAL_MEMORY(aminn_model.geom_axis, model.geom_axis, 27 * sizeof(float));
+    TEST_ASSERT_EQUAL_MEMORY(aminn_model.stage[1].trunk2_w, model.stage[1].trunk2_w, h * h * sizeof(float));
+    TEST_ASSERT_EQUAL_MEMORY(aminn_model.cls1_w, model.cls1_w, (h + AMINN_N_AUX) * hd * sizeof(float));
+}
+
+static void null_arguments_are_refused(void)
+{
+    assert_refused(AMINN_E_NULL, NULL, size);
+    TEST_ASSERT_EQUAL_INT(AMINN_E_NULL, aminn_model_from_blob(blob, size, NULL));
+}
+
+static void a_misaligned_blob_is_refused(void)
+{
+    uint8_t *moved = malloc(size + 8);
+    size_t shift;
+    for (shift = 1; shift < 4; ++shift) {
+        memcpy(moved + shift, blob, size);
+        assert_refused(AMINN_E_ALIGN, moved + shift, size);
+    }
+    memcpy(moved + 4, blob, size);
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_model_from_blob(moved + 4, size, &model));
+    free(moved);
+}
+
+static void every_truncation_is_refused(void)
+{
+    size_t len;
+    for (len = 0; len < size; len += len < 2 * HEADER_SIZE ? 1 : 997) {
+        assert_refused(AMINN_E_SIZE, blob, len);
+    }
+    assert_refused(AMINN_E_SIZE, blob, size - 1);
+    assert_refused(AMINN_E_SIZE, blob, size + 1);
+}
+
+static void a_wrong_magic_version_or_size_is_named(void)
+{
+    put_u32(OFFSET_MAGIC, 0x464C457Fu);
+    assert_refused(AMINN_E_MAGIC, blob, size);
+    put_u32(OFFSET_MAGIC, 0x4D4E4D41u);
+    put_u32(OFFSET_VERSION, AMINN_FORMAT_VERSION + 1);
+    assert_refused(AMINN_E_VERSION, blob, size);
+    put_u32(OFFSET_VERSION, AMINN_FORMAT_VERSION);
+    put_u32(OFFSET_SIZE, get_u32(OFFSET_SIZE) + 4);
+    assert_refused(AMINN_E_SIZE, blob, size);
+}
+
+/* one flipped bit in each byte of the header, and in bytes spread over all tables */
+static void damage_anywhere_is_found(void)
+{
+    size_t at;
+    for (at = 0; at < size; at += at < HEADER_SIZE ? 1 : 61) {
+        const uint8_t kept = blob[at];
+        aminn_status_t expected = AMINN_E_CRC;
+        expected = at < OFFSET_VERSION ? AMINN_E_MAGIC : expected;
+        expected = at >= OFFSET_VERSION && at < OFFSET_SIZE ? AMINN_E_VERSION : expected;
+        expected = at >= OFFSET_SIZE && at < OFFSET_CRC ? AMINN_E_SIZE : expected;
+        blob[at] = (uint8_t)(kept ^ (1u << (at % 8)));
+        assert_refused(expected, blob, size);
+        blob[at] = kept;
+    }
+    blob[size - 1] ^= 0x80;
+    assert_refused(AMINN_E_CRC, blob, size);
+    blob[size - 1] ^= 0x80;
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_model_from_blob(blob, size, &model));
+}
+
+/* a blob with a right CRC but a content that this runtime cannot use */
+static void a_sealed_blob_is_checked_too(void)
+{
+    enum { OFFSET_N_BRANCH = 16, OFFSET_WIDTH = 40, OFFSET_DQ0 = 48, OFFSET_EPS_M = 104 };
+    const uint32_t nan_bits = 0x7FC00000u;
+    size_t dim;
+    for (dim = 0; dim < 5; ++dim) {
+        const size_t at = OFFSET_N_BRANCH + 4 * dim;
+        const uint32_t kept = get_u32(at);
+        put_u32(at, kept + 1);
+        seal();
+        assert_refused(AMINN_E_DIMS, blob, size);
+        put_u32(at, kept);
+    }
+    put_u32(OFFSET_WIDTH, get_u32(OFFSET_WIDTH) - 1); /* other tables than there are bytes */
+    seal();
+    assert_refused(AMINN_E_SIZE, blob, size);
+    put_u32(OFFSET_WIDTH, get_u32(OFFSET_WIDTH) + 2);
+    seal();
+    assert_refused(AMINN_E_SIZE, blob, size);
+    put_u32(OFFSET_WIDTH, 0xFFFFFFFFu);
+    seal();
+    assert_refused(AMINN_E_DIMS, blob, size);
+    put_u32(OFFSET_WIDTH, aminn_model.width);
+    put_u32(OFFSET_DQ0, 7);
+    seal();
+    assert_refused(AMINN_E_MODEL, blob, size);
+    put_u32(OFFSET_DQ0, aminn_model.dq0);
+    put_u32(OFFSET_EPS_M, 0);
+    seal();
+    assert_refused(AMINN_E_MODEL, blob, size);
+    memcpy(blob + OFFSET_EPS_M, &aminn_model.stage[0].eps_m, sizeof(float));
+    put_u32(size - 4, nan_bits);
+    seal();
+    assert_refused(AMINN_E_MODEL, blob, size);
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(a_good_blob_is_used_in_place);
+    RUN_TEST(it_holds_what_the_c_source_holds);
+    RUN_TEST(null_arguments_are_refused);
+    RUN_TEST(a_misaligned_blob_is_refused);
+    RUN_TEST(every_truncation_is_refused);
+    RUN_TEST(a_wrong_magic_version_or_size_is_named);
+    RUN_TEST(damage_anywhere_is_found);
+    RUN_TEST(a_sealed_blob_is_checked_too);
+    return UNITY_END();
+}

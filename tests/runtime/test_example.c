@@ -1,0 +1,48 @@
+/* The example at the top of aminn_rt.h, compiled and run as it stands there. */
+#include "support.h"
+
+#include "aminn_model.h"
+
+static aminn_t ctx;         /* working memory, .bss */
+static aminn_state_t state; /* filled from encoders, hand pose and contact sensors */
+static aminn_output_t out;
+
+static int controller_start(void)
+{
+    return aminn_init(&ctx, &aminn_model, 0);
+}
+
+/* 1: the grasp holds and the tool will move by out.dx_ht; 0: it will not hold; negative: status code */
+static int controller_step(void)
+{
+    aminn_status_t status = aminn_predict_state(&ctx, &state, &out);
+    return status != AMINN_OK ? (int)status : (int)out.stable;
+}
+
+void setUp(void)
+{
+}
+
+void tearDown(void)
+{
+}
+
+static void the_example_works(void)
+{
+    const aminn_input_t in = good_input();
+    int result;
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, controller_start());
+    TEST_ASSERT_EQUAL_INT(AMINN_E_NO_CONTACT, controller_step()); /* nothing measured yet */
+    state = state_of(&in);
+    result = controller_step();
+    TEST_ASSERT_TRUE(result == 0 || result == 1);
+    state.q[0] = NAN;
+    TEST_ASSERT_EQUAL_INT(AMINN_E_NONFINITE, controller_step());
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(the_example_works);
+    return UNITY_END();
+}

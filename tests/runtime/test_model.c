@@ -1,0 +1,157 @@
+/* model.cpp: aminn_model_check refuses what it cannot use */
+#include "aminn_model.h"
+#include "support.h"
+
+static aminn_model_t model;
+static float table[AMINN_MAX_WIDTH * AMINN_MAX_WIDTH];
+
+void setUp(void)
+{
+    model = aminn_model;
+}
+
+void tearDown(void)
+{
+}
+
+#define REFUSED(status) TEST_ASSERT_EQUAL_INT(status, aminn_model_check(&model))
+
+/* replaces one value of a table and expects AMINN_E_MODEL */
+#define REFUSED_VALUE(field, n, i, value)                                \
+    do {                                                                 \
+        const float *kept = model.field;                                 \
+        memcpy(table, kept, (size_t)(n) * sizeof(float));                \
+        table[i] = (value);                                              \
+        model.field = table;                                             \
+        TEST_ASSERT_EQUAL_INT(AMINN_E_MODEL, aminn_model_check(&model)); \
+        model.field = kept;                                              \
+        TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_model_check(&model));      \
+    } while (0)
+
+#define REFUSED_SCALAR(field, value)                                     \
+    do {                                                                 \
+        const float kept = model.field;                                  \
+        model.field = (value);                                           \
+        TEST_ASSERT_EQUAL_INT(AMINN_E_MODEL, aminn_model_check(&model)); \
+        model.field = kept;                                              \
+        TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_model_check(&model));      \
+    } while (0)
+
+static void the_exported_model_is_good(void)
+{
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_model_check(&aminn_model));
+}
+
+static void null_is_refused(void)
+{
+    TEST_ASSERT_EQUAL_INT(AMINN_E_NULL, aminn_model_check(NULL));
+}
+
+static void another_version_is_refused(void)
+{
+    model.format_version = AMINN_FORMAT_VERSION + 1;
+    REFUSED(AMINN_E_VERSION);
+    memset(&model, 0, sizeof model); /* what aminn_model_from_blob leaves after an error */
+    REFUSED(AMINN_E_VERSION);
+}
+
+static void another_hand_is_refused(void)
+{
+    uint32_t *dims[] = {&model.n_branch, &model.n_coord, &model.n_joint, &model.n_contact_feature, &model.n_wrench};
+    size_t i;
+    for (i = 0; i < sizeof dims / sizeof dims[0]; ++i) {
+        *dims[i] += 1;
+        REFUSED(AMINN_E_DIMS);
+        *dims[i] -= 1;
+    }
+    REFUSED(AMINN_OK);
+}
+
+static void widths_are_bounded(void)
+{
+    uint32_t *widths[] = {&model.contact_width, &model.width, &model.classifier_width};
+    size_t i;
+    for (i = 0; i < sizeof widths / sizeof widths[0]; ++i) {
+        const uint32_t kept = *widths[i];
+        *widths[i] = 0;
+        REFUSED(AMINN_E_DIMS);
+        *widths[i] = AMINN_MAX_WIDTH + 1;
+        REFUSED(AMINN_E_DIMS);
+        *widths[i] = 0xFFFFFFFFu;
+        REFUSED(AMINN_E_DIMS);
+        *widths[i] = kept;
+    }
+    REFUSED(AMINN_OK);
+}
+
+static void a_missing_table_is_refused(void)
+{
+    const float **shared[] = {&model.wrench_log_scale, &model.chol_nom,   &model.tendon_dir_nom, &model.tendon_gain_nom,
+                              &model.gate_nom,         &model.coord_mask, &model.geom_base,      &model.geom_axis,
+                              &model.geom_link_a,      &model.aux_mean,   &model.aux_inv_std,    &model.cls1_w,
+                              &model.cls1_b,           &model.cls2_w,     &model.cls2_b};
+    size_t i, k;
+    for (i = 0; i < sizeof shared / sizeof shared[0]; ++i) {
+        const float *kept = *shared[i];
+        *shared[i] = NULL;
+        REFUSED(AMINN_E_MODEL);
+        *shared[i] = kept;
+    }
+    for (k = 0; k < AMINN_N_STAGE; ++k) {
+        aminn_stage_model_t *s = &model.stage[k];
+        const float **tables[] = {&s->contact_mean, &s->contact_inv_std, &s->global_mean, &s->global_inv_std,
+                                  &s->contact_w,    &s->contact_b,       &s->trunk1_w,    &s->trunk1_b,
+                                  &s->trunk2_w,     &s->trunk2_b,        &s->head_w,      &s->head_b};
+        for (i = 0; i < sizeof tables / sizeof tables[0]; ++i) {
+            const float *kept = *tables[i];
+            *tables[i] = NULL;
+            REFUSED(AMINN_E_MODEL);
+            *tables[i] = kept;
+        }
+    }
+    REFUSED(AMINN_OK);
+}
+
+static void a_weight_that_is_no_number_is_refused(void)
+{
+    const uint32_t h = model.width;
+    REFUSED_VALUE(stage[0].trunk2_w, h * h, h * h - 1, NAN);
+    REFUSED_VALUE(stage[1].trunk2_w, h * h, 0, INFINITY);
+    REFUSED_VALUE(stage[1].head_b, AMINN_N_HEAD, AMINN_N_HEAD - 1, -INFINITY);
+    REFUSED_VALUE(cls2_b, 1, 0, NAN);
+    REFUSED_VALUE(geom_axis, 27, 26, NAN);
+}
+
+static void constants_out_of_range_are_refused(void)
+{
+    REFUSED_VALUE(wrench_log_scale, 6, 5, 0.0F);
+    REFUSED_VALUE(chol_nom, 18, 12, -1.0F);
+    REFUSED_VALUE(tendon_gain_nom, 3, 1, 0.0F);
+    REFUSED_VALUE(coord_mask, 9, 4, 0.5F);
+    REFUSED_SCALAR(length_scale, 0.0F);
+    REFUSED_SCALAR(log_range, -1.0F);
+    REFUSED_SCALAR(displacement_log_scale, NAN);
+    REFUSED_SCALAR(tau, 1.5F);
+    REFUSED_SCALAR(tau, NAN);
+    REFUSED_SCALAR(stage[0].eps_m, 0.0F);
+    REFUSED_SCALAR(stage[1].eps_kx, INFINITY);
+    REFUSED_SCALAR(stage[1].eps_jq, -1.0F);
+    model.dq0 = 2;
+    REFUSED(AMINN_E_MODEL);
+    model.dq0 = AMINN_DQ0_INVERSE;
+    REFUSED_SCALAR(stage[0].eps_jq, 0.0F); /* the thumb's j_q is singular without it */
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(the_exported_model_is_good);
+    RUN_TEST(null_is_refused);
+    RUN_TEST(another_version_is_refused);
+    RUN_TEST(another_hand_is_refused);
+    RUN_TEST(widths_are_bounded);
+    RUN_TEST(a_missing_table_is_refused);
+    RUN_TEST(a_weight_that_is_no_number_is_refused);
+    RUN_TEST(constants_out_of_range_are_refused);
+    return UNITY_END();
+}

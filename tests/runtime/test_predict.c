@@ -1,0 +1,195 @@
+/* predict.cpp: context, the two predict functions, the cascade, the debug view */
+#include "aminn_model.h"
+#include "support.h"
+
+static aminn_t ctx;
+static aminn_input_t in;
+static aminn_output_t out;
+
+void setUp(void)
+{
+    in = good_input();
+    scribble(&out, sizeof out);
+    scribble(&ctx, sizeof ctx);
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &aminn_model, 0));
+}
+
+void tearDown(void)
+{
+}
+
+/* a copy of the model that calls every grasp stable, or none */
+static aminn_model_t model_with_tau(float tau)
+{
+    aminn_model_t model = aminn_model;
+    model.tau = tau;
+    return model;
+}
+
+static void init_refuses_bad_arguments(void)
+{
+    aminn_model_t model = aminn_model;
+    TEST_ASSERT_EQUAL_INT(AMINN_E_NULL, aminn_init(NULL, &aminn_model, 0));
+    TEST_ASSERT_EQUAL_INT(AMINN_E_NULL, aminn_init(&ctx, NULL, 0));
+    TEST_ASSERT_EQUAL_INT(AMINN_E_NOT_INITIALISED, aminn_predict(&ctx, &in, &out));
+    TEST_ASSERT_EQUAL_INT(AMINN_E_FLAGS, aminn_init(&ctx, &aminn_model, 2));
+    TEST_ASSERT_EQUAL_INT(AMINN_E_NOT_INITIALISED, aminn_predict(&ctx, &in, &out));
+    model.format_version = 99;
+    TEST_ASSERT_EQUAL_INT(AMINN_E_VERSION, aminn_init(&ctx, &model, 0));
+    TEST_ASSERT_EQUAL_INT(AMINN_E_NOT_INITIALISED, aminn_predict(&ctx, &in, &out));
+    model = aminn_model;
+    model.width = AMINN_MAX_WIDTH + 1;
+    TEST_ASSERT_EQUAL_INT(AMINN_E_DIMS, aminn_init(&ctx, &model, 0));
+    model = aminn_model;
+    model.cls2_b = NULL;
+    TEST_ASSERT_EQUAL_INT(AMINN_E_MODEL, aminn_init(&ctx, &model, 0));
+}
+
+static void init_finds_a_context_of_another_size(void)
+{
+    aminn_t before;
+    memcpy(&before, &ctx, sizeof ctx);
+    TEST_ASSERT_EQUAL_INT(AMINN_E_CONTEXT_SIZE, aminn_init_sized(&ctx, sizeof ctx - 12, &aminn_model, 0));
+    TEST_ASSERT_EQUAL_MEMORY(&before, &ctx, sizeof ctx);
+}
+
+static void a_context_must_be_initialised(void)
+{
+    static aminn_t zero;
+    const aminn_state_t state = state_of(&in);
+    TEST_ASSERT_EQUAL_INT(AMINN_E_NOT_INITIALISED, aminn_predict(&zero, &in, &out));
+    assert_failed_output(&out);
+    scribble(&out, sizeof out);
+    TEST_ASSERT_EQUAL_INT(AMINN_E_NOT_INITIALISED, aminn_predict_state(&zero, &state, &out));
+    assert_failed_output(&out);
+    TEST_ASSERT_NULL(aminn_debug(&zero, 0));
+}
+
+static void null_arguments_are_refused(void)
+{
+    TEST_ASSERT_EQUAL_INT(AMINN_E_NULL, aminn_predict(NULL, &in, &out));
+    assert_failed_output(&out);
+    scribble(&out, sizeof out);
+    TEST_ASSERT_EQUAL_INT(AMINN_E_NULL, aminn_predict(&ctx, NULL, &out));
+    assert_failed_output(&out);
+    TEST_ASSERT_EQUAL_INT(AMINN_E_NULL, aminn_predict(&ctx, &in, NULL));
+    TEST_ASSERT_EQUAL_INT(AMINN_E_NULL, aminn_predict_state(NULL, NULL, &out));
+    TEST_ASSERT_EQUAL_INT(AMINN_E_NULL, aminn_predict_state(&ctx, NULL, &out));
+    TEST_ASSERT_EQUAL_INT(AMINN_E_NULL, aminn_predict_state(&ctx, NULL, NULL));
+    TEST_ASSERT_NULL(aminn_debug(NULL, 0));
+}
+
+static void stage_2_is_skipped_when_the_grasp_does_not_hold(void)
+{
+    const aminn_model_t never = model_with_tau(1.0F);
+    int i;
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &never, 0));
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict(&ctx, &in, &out));
+    TEST_ASSERT_EQUAL_INT32(0, out.stable);
+    TEST_ASSERT_TRUE(out.p_stable > 0.0F && out.p_stable < 1.0F);
+    for (i = 0; i < AMINN_N_WRENCH; ++i) {
+        TEST_ASSERT_FLOAT_IS_NAN(out.dx_ht[i]);
+    }
+    TEST_ASSERT_FLOAT_IS_NAN(out.k_x[5][5]);
+    TEST_ASSERT_FLOAT_IS_NAN(out.gate[2]);
+    TEST_ASSERT_NOT_NULL(aminn_debug(&ctx, 0));
+    TEST_ASSERT_NULL(aminn_debug(&ctx, 1));
+}
+
+static void a_flag_runs_stage_2_always(void)
+{
+    const aminn_model_t never = model_with_tau(1.0F), always = model_with_tau(0.0F);
+    aminn_output_t held;
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &always, 0));
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict(&ctx, &in, &held));
+    TEST_ASSERT_EQUAL_INT32(1, held.stable);
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &never, AMINN_FLAG_ALWAYS_STAGE2));
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict(&ctx, &in, &out));
+    TEST_ASSERT_EQUAL_INT32(0, out.stable);
+    out.stable = 1;
+    assert_same_output(&held, &out);
+    TEST_ASSERT_NOT_NULL(aminn_debug(&ctx, 1));
+}
+
+static void the_threshold_belongs_to_stable(void)
+{
+    aminn_model_t exact = aminn_model;
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict(&ctx, &in, &out));
+    exact.tau = out.p_stable;
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &exact, 0));
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict(&ctx, &in, &out));
+    TEST_ASSERT_EQUAL_INT32(1, out.stable);
+}
+
+static void closure_given_or_computed_gives_the_same(void)
+{
+    const aminn_state_t state = state_of(&in);
+    aminn_output_t computed;
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &aminn_model, AMINN_FLAG_ALWAYS_STAGE2));
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_closure(&aminn_model, in.q, in.x_ht, state.contacts, in.j_x, in.j_q));
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict(&ctx, &in, &out));
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict_state(&ctx, &state, &computed));
+    assert_same_output(&out, &computed);
+}
+
+static void a_prediction_depends_on_its_input_alone(void)
+{
+    golden_t golden = load_golden(GOLDEN_DIR "/golden.bin");
+    static aminn_t other;
+    aminn_output_t again;
+    uint32_t i;
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict(&ctx, &in, &out));
+    for (i = 0; i < 8 && i < golden.n; ++i) {
+        aminn_output_t unused;
+        TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict(&ctx, &golden.inputs[i], &unused));
+    }
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict(&ctx, &in, &again));
+    assert_same_output(&out, &again);
+    memcpy(&other, &ctx, sizeof ctx); /* a context may be moved */
+    memset(&ctx, 0, sizeof ctx);
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict(&other, &in, &again));
+    assert_same_output(&out, &again);
+    free_golden(&golden);
+}
+
+static void the_model_and_the_input_are_not_written(void)
+{
+    const aminn_input_t kept = in;
+    const aminn_model_t model = aminn_model;
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict(&ctx, &in, &out));
+    TEST_ASSERT_EQUAL_MEMORY(&kept, &in, sizeof in);
+    TEST_ASSERT_EQUAL_MEMORY(&model, &aminn_model, sizeof model);
+}
+
+static void the_debug_view_shows_stage_2s_outputs(void)
+{
+    const aminn_stage_debug_t *view;
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &aminn_model, AMINN_FLAG_ALWAYS_STAGE2));
+    TEST_ASSERT_NULL(aminn_debug(&ctx, 0));
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict(&ctx, &in, &out));
+    view = aminn_debug(&ctx, 1);
+    TEST_ASSERT_NOT_NULL(view);
+    TEST_ASSERT_EQUAL_MEMORY(out.dx_ht, view->dx, sizeof out.dx_ht);
+    TEST_ASSERT_EQUAL_MEMORY(out.k_x, view->k_x, sizeof out.k_x);
+    TEST_ASSERT_EQUAL_MEMORY(out.gate, view->gate, sizeof out.gate);
+    TEST_ASSERT_NOT_NULL(aminn_debug(&ctx, 0));
+    TEST_ASSERT_NULL(aminn_debug(&ctx, 2));
+    TEST_ASSERT_NULL(aminn_debug(&ctx, -1));
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(init_refuses_bad_arguments);
+    RUN_TEST(init_finds_a_context_of_another_size);
+    RUN_TEST(a_context_must_be_initialised);
+    RUN_TEST(null_arguments_are_refused);
+    RUN_TEST(stage_2_is_skipped_when_the_grasp_does_not_hold);
+    RUN_TEST(a_flag_runs_stage_2_always);
+    RUN_TEST(the_threshold_belongs_to_stable);
+    RUN_TEST(closure_given_or_computed_gives_the_same);
+    RUN_TEST(a_prediction_depends_on_its_input_alone);
+    RUN_TEST(the_model_and_the_input_are_not_written);
+    RUN_TEST(the_debug_view_shows_stage_2s_outputs);
+    return UNITY_END();
+}
