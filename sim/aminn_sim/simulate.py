@@ -1,0 +1,253 @@
+"""Simulate a data set: shards of grasps, each grasp under many loads, written as HDF5 with a JSON manifest.
+
+A shard's bytes follow from the seed, its number and the configuration. It is written under a temporary name and renamed
+when complete, so that an interrupted simulation goes on where it stopped.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+from tqdm import tqdm
+
+from . import _core
+from .config import TOOL_FAMILIES, SimulationConfig
+from .errors import SimulationError
+from .schema import GRASP_FIELDS, SAMPLE_FIELDS, SCHEMA_VERSION, Field, field_table
+
+# To be raised with every change of the C++ part that changes what is simulated.
+PROTOCOL_VERSION = 1
+# Fields of the configuration that do not change what a shard holds.
+_NOT_IN_HASH = ("grasps",)
+
+Arrays = dict[str, np.ndarray]
+
+
+def model_folder() -> Path:
+    """Folder of the MJCF files: inside the installed package, or in the source tree of an editable installation."""
+    here = Path(__file__)
+    candidates = [here.parent / "models", here.parents[1] / "models", Path(_core.__file__).parent / "models"]
+    for folder in candidates:
+        if (folder / "scene.xml").is_file():
+            return folder
+    raise SimulationError(f"scene.xml is in none of {', '.join(map(str, candidates))}; install the package again")
+
+
+def load_simulator() -> _core.Simulator:
+    """The compiled hand and tool."""
+    return _core.Simulator(str(model_folder() / "scene.xml"))
+
+
+def config_sha256(config: SimulationConfig) -> str:
+    """Hash of everything that decides a shard's content but its number: configuration, model files, protocol."""
+    content = {
+        "schema_version": SCHEMA_VERSION,
+        "protocol_version": PROTOCOL_VERSION,
+        "simulator": simulator_name(),
+        "config": {k: v for k, v in dataclasses.asdict(config).items() if k not in _NOT_IN_HASH},
+        "models": {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(model_folder().glob("*.xml"))},
+    }
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def simulator_name() -> str:
+    """Name and version of the engine."""
+    return f"MuJoCo {_core.MUJOCO_VERSION}"
+
+
+def shard_name(number: int) -> str:
+    """File name of a shard."""
+    return f"shard-{number:05d}.h5"
+
+
+def shard_sizes(config: SimulationConfig) -> list[int]:
+    """Grasps of each shard."""
+    full, rest = divmod(config.grasps, config.shard_grasps)
+    return [config.shard_grasps] * full + ([rest] if rest else [])
+
+
+def file_sha256(path: Path) -> str:
+    """SHA-256 of a file, hexadecimal."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def simulate(
+    config: SimulationConfig,
+    out_dir: Path | str,
+    threads: int = 0,
+    progress: bool = True,
+) -> dict:
+    """Simulate the data set of `config` into `out_dir` and return its manifest.
+
+    threads: 0 takes every core that this process may use. Complete shards of the same configuration are kept; a folder
+    with another configuration is an error. Interrupting (Ctrl-C) leaves the complete shards and no half-written file.
+    """
+    out = Path(out_dir)
+    if threads < 0:
+        raise SimulationError(f"threads is {threads}, expected 0 (all cores) or more")
+    threads = threads or len(os.sched_getaffinity(0))
+    digest = config_sha256(config)
+    sizes = shard_sizes(config)
+    _make_folder(out)
+    todo = [n for n, size in enumerate(sizes) if not _is_complete(out / shard_name(n), digest, size, config)]
+    if todo:
+        (out / "manifest.json").unlink(missing_ok=True)  # it would describe shards that are about to change
+    simulator = load_simulator()
+    total = config.grasps * config.cases
+    done = total - sum(sizes[n] for n in todo) * config.cases
+    interval = 0.2 if sys.stderr.isatty() else 10.0  # seconds between two states of the bar; few lines in a log
+    with tqdm(
+        total=total,
+        initial=done,
+        unit="case",
+        desc="simulate",
+        disable=not progress,
+        smoothing=0.1,
+        mininterval=interval,
+    ) as bar:
+        for n in todo:
+            _simulate_shard(simulator, config, n, sizes[n], threads, digest, out / shard_name(n), _shard_progress(bar))
+    manifest = build_manifest(config, digest, simulator.hand(), out)
+    _write_atomically(out / "manifest.json", (json.dumps(manifest, sort_keys=True, indent=1) + "\n").encode())
+    return manifest
+
+
+def _make_folder(out: Path) -> None:
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SimulationError(f"{out}: cannot be made a data set folder ({error})") from error
+    for leftover in out.glob("*.partial"):
+        leftover.unlink()
+
+
+def _shard_progress(bar: tqdm) -> Callable[[int], None]:
+    start = bar.n
+
+    def update(done: int) -> None:
+        bar.update(start + done - bar.n)
+
+    return update
+
+
+def _is_complete(path: Path, digest: str, grasps: int, config: SimulationConfig) -> bool:
+    """Whether the shard is there and of this configuration. Raises SimulationError where it is of another one."""
+    if not path.exists():
+        return False
+    try:
+        with h5py.File(path, "r") as file:
+            found, count = str(file.attrs["config_sha256"]), int(file.attrs["n_grasps"])
+    except (OSError, KeyError) as error:
+        raise SimulationError(f"{path}: not a readable shard ({error}); delete it and simulate again") from error
+    if found != digest:
+        raise SimulationError(
+            f"{path}: is of another configuration ({found[:12]}, this one is {digest[:12]}); "
+            "choose another folder or delete this one"
+        )
+    if count > grasps:
+        raise SimulationError(
+            f"{path}: holds {count} grasps, but {config.grasps} grasps in all leave {grasps} for it; "
+            "choose another folder or ask for at least as many grasps as before"
+        )
+    return count == grasps
+
+
+def _simulate_shard(
+    simulator: _core.Simulator,
+    config: SimulationConfig,
+    number: int,
+    grasps: int,
+    threads: int,
+    digest: str,
+    path: Path,
+    progress: Callable[[int], None],
+) -> None:
+    try:
+        result = simulator.shard(
+            config.options(),
+            config.seed,
+            number,
+            number * config.shard_grasps,
+            grasps,
+            config.cases,
+            threads,
+            config.family_indices(),
+            progress,
+        )
+    except RuntimeError as error:
+        raise SimulationError(f"shard {number}: {error}") from error
+    attributes = {"schema_version": SCHEMA_VERSION, "config_sha256": digest, "shard": number, "n_grasps": grasps}
+    write_shard(path, result["samples"], result["grasps"], attributes)
+
+
+def _checked(group: str, fields: dict[str, Field], arrays: Arrays) -> Arrays:
+    """The arrays in schema order and type. Raises SimulationError where one is not as the schema says."""
+    out = {}
+    for name, field in fields.items():
+        array = np.ascontiguousarray(arrays[name], dtype=field.dtype)
+        if array.shape[1:] != field.shape:
+            raise SimulationError(f"/{group}/{name}: rows of shape {array.shape[1:]}, expected {field.shape}")
+        if not np.isfinite(array).all():
+            raise SimulationError(f"/{group}/{name}: holds NaN or infinity")
+        out[name] = array
+    return out
+
+
+def write_shard(path: Path, samples: Arrays, grasps: Arrays, attributes: dict[str, int | str]) -> None:
+    """Write one shard, complete or not at all. Equal content gives equal bytes."""
+    partial = path.with_name(path.name + ".partial")
+    try:
+        with h5py.File(partial, "w", libver=("earliest", "v110")) as file:
+            for name, value in attributes.items():
+                file.attrs[name] = value
+            for group, fields, arrays in (("samples", SAMPLE_FIELDS, samples), ("grasps", GRASP_FIELDS, grasps)):
+                for name, array in _checked(group, fields, arrays).items():
+                    file.create_dataset(f"{group}/{name}", data=array, track_times=False)
+        partial.replace(path)
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise
+
+
+def _write_atomically(path: Path, content: bytes) -> None:
+    partial = path.with_name(path.name + ".partial")
+    partial.write_bytes(content)
+    partial.replace(path)
+
+
+def build_manifest(config: SimulationConfig, digest: str, hand: dict, out: Path) -> dict:
+    """The manifest of the shards in `out`: no time, no path, keys sorted when written."""
+    shards = [
+        {
+            "file": shard_name(n),
+            "n_grasps": size,
+            "n_samples": size * config.cases,
+            "sha256": file_sha256(out / shard_name(n)),
+        }
+        for n, size in enumerate(shard_sizes(config))
+    ]
+    bounds = ("translation_max_m", "rotation_max_rad", "drift_max_m_s", "lost_contact_s", "tool_left_m", "stop_factor")
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "protocol_version": PROTOCOL_VERSION,
+        "simulator": simulator_name(),
+        "seed": config.seed,
+        "config": dataclasses.asdict(config) | {"families": list(config.families)},
+        "config_sha256": digest,
+        "shards": shards,
+        "n_samples": sum(s["n_samples"] for s in shards),
+        "n_grasps": sum(s["n_grasps"] for s in shards),
+        "fields": field_table(),
+        "tool_families": list(TOOL_FAMILIES),
+        "reasons": list(_core.REASONS),
+        "bounds": {name: getattr(config, name) for name in bounds},
+        "hand": hand,
+    }

@@ -1,0 +1,74 @@
+#include "mujoco_handle.hpp"
+
+#include <cstring>
+#include <mutex>
+
+namespace aminn::sim {
+
+thread_local ErrorFrame *current_error_frame = nullptr;
+
+namespace {
+
+void on_error(const char *message)
+{
+    ErrorFrame *frame = current_error_frame;
+    // outside guarded() there is nothing to jump to: an exception unwinds the engine's frames
+    if (frame == nullptr)
+        throw MujocoError(message);
+    std::strncpy(frame->message, message, sizeof frame->message - 1);
+    frame->message[sizeof frame->message - 1] = '\0';
+    std::longjmp(frame->environment, 1);
+}
+
+void on_warning(const char *)
+{
+}
+
+std::mutex parser_mutex;
+
+} // namespace
+
+void install_handlers()
+{
+    static std::once_flag once;
+    std::call_once(once, [] {
+        mju_user_error = on_error;
+        mju_user_warning = on_warning;
+    });
+}
+
+ModelPtr load_model(const std::string &path)
+{
+    install_handlers();
+    const std::lock_guard lock(parser_mutex);
+    char message[1000] = "";
+    mjModel *model = nullptr;
+    guarded([&] { model = mj_loadXML(path.c_str(), nullptr, message, sizeof message); });
+    if (model == nullptr)
+        throw MujocoError(path + ": " + message);
+    return ModelPtr(model);
+}
+
+ModelPtr copy_model(const mjModel &model)
+{
+    mjModel *copy = nullptr;
+    guarded([&] { copy = mj_copyModel(nullptr, &model); });
+    return ModelPtr(copy);
+}
+
+DataPtr make_data(const mjModel &model)
+{
+    mjData *data = nullptr;
+    guarded([&] { data = mj_makeData(&model); });
+    return DataPtr(data);
+}
+
+int id_of(const mjModel &model, mjtObj type, const std::string &name)
+{
+    const int id = mj_name2id(&model, type, name.c_str());
+    if (id < 0)
+        throw MujocoError(std::string("the model has no ") + mju_type2Str(type) + " named " + name);
+    return id;
+}
+
+} // namespace aminn::sim
