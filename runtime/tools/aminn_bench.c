@@ -3,7 +3,7 @@
  *
  *   aminn_bench MODEL.bin VECTORS.bin ROUNDS
  *
- * Runs over all samples of the vector file ROUNDS times and prints, as one JSON object, the median, the 99th percentile and
+ * Runs over all samples of the vector file ROUNDS times and prints, as one JSON object, mean, median, 99th percentile and
  * the largest time of one call in microseconds: of aminn_predict as a controller calls it (stage 2 only where the grasp
  * holds), of aminn_predict with both stages (the worst case), and of aminn_predict_state, which computes the closure itself.
  * Exits with 0, with 1 and a message on a bad file or a refused sample, with 2 on bad arguments.
@@ -115,8 +115,13 @@ static void time_calls(const aminn_model_t *model, uint32_t flags, call_t call, 
 
 static void print_times(const char *name, const double *times, size_t count, const char *end)
 {
-    printf("\"%s_us_median\": %.3f, \"%s_us_p99\": %.3f, \"%s_us_max\": %.3f%s", name, times[count / 2], name,
-           times[(count * 99) / 100], name, times[count - 1], end);
+    double sum = 0.0;
+    size_t i;
+    for (i = 0; i < count; ++i) {
+        sum += times[i];
+    }
+    printf("\"%s_us_mean\": %.3f, \"%s_us_median\": %.3f, ", name, sum / (double)count, name, times[count / 2]);
+    printf("\"%s_us_p99\": %.3f, \"%s_us_max\": %.3f%s", name, times[(count * 99) / 100], name, times[count - 1], end);
 }
 
 int main(int argc, char **argv)

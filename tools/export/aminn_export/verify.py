@@ -81,7 +81,8 @@ def load_samples(source: Path, min_samples: int) -> Samples:
 
 
 # --- replays --------------------------------------------------------------------------------------------------------
-def _run(command: list[str | Path], what: str) -> str:
+def run_program(command: list[str | Path], what: str) -> str:
+    """Output of a program. Raises AminnError with what it said if it failed."""
     done = subprocess.run([str(c) for c in command], capture_output=True, text=True)
     if done.returncode:
         raise AminnError(f"{what} failed with exit code {done.returncode}: {(done.stderr or done.stdout).strip()}")
@@ -114,11 +115,12 @@ def runtime_source(build_dir: Path) -> Path:
 
 
 def model_prefix(export_dir: Path) -> str:
-    """Symbol prefix of the C model in an export folder."""
-    headers = sorted(export_dir.glob("*.h"))
-    if len(headers) != 1:
-        raise AminnError(f"{export_dir}: {len(headers)} headers there; `aminn export` writes one C model into a folder")
-    return headers[0].stem
+    """Symbol prefix of the C model in an export folder: of the header that has a binary model beside it."""
+    names = [h.stem for h in sorted(export_dir.glob("*.h")) if h.with_suffix(".bin").is_file()]
+    if len(names) != 1:
+        found = ", ".join(names) or "none"
+        raise AminnError(f"{export_dir}: one C model with its .bin expected (`aminn export` writes it); found: {found}")
+    return names[0]
 
 
 def compile_fixed_replay(export_dir: Path, build_dir: Path, program: Path) -> None:
@@ -129,18 +131,18 @@ def compile_fixed_replay(export_dir: Path, build_dir: Path, program: Path) -> No
     command += [f'-DAMINN_REPLAY_HEADER="{prefix}.h"', f"-DAMINN_REPLAY_MODEL={prefix}"]
     command += [f"-I{source / 'include'}", f"-I{export_dir}", str(source / "tools" / "aminn_replay.c")]
     command += [str(export_dir / f"{prefix}.c"), str(find_in(build_dir, "libaminn_rt.a")), "-lm", "-o", str(program)]
-    _run(command, "compiling the C model")
+    run_program(command, "compiling the C model")
 
 
 def _replay_bin(export_dir: Path, build_dir: Path, vectors: Path, out: Path) -> None:
     model = export_dir / f"{model_prefix(export_dir)}.bin"
-    _run([find_in(build_dir, "aminn_replay"), model, vectors, out], "aminn_replay")
+    run_program([find_in(build_dir, "aminn_replay"), model, vectors, out], "aminn_replay")
 
 
 def _replay_c(export_dir: Path, build_dir: Path, vectors: Path, out: Path) -> None:
     program = vectors.with_name("replay_c")
     compile_fixed_replay(export_dir, build_dir, program)
-    _run([program, vectors, out], "the compiled model")
+    run_program([program, vectors, out], "the compiled model")
 
 
 def _replay_firmware(export_dir: Path, build_dir: Path, vectors: Path, out: Path) -> None:

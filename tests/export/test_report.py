@@ -1,0 +1,114 @@
+"""The report page: self-contained, complete with what it is given, and readable where figures are missing."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from synthetic import closure, draw_inputs, hand
+
+from aminn.grasp_picture import GraspPicture, branch_points, draw_grasp, magnification, rotation_matrix, tool_faces
+from aminn.report import ReportInputs, difference_table, format_value, pictures, result_table, to_png, write_report
+
+RNG = np.random.default_rng(0)
+
+
+def _grasp(family: str = "handle", scale: float = 1.0) -> GraspPicture:
+    h = hand()
+    x = draw_inputs(np.random.default_rng(1), h)
+    dx = scale * np.array([1e-3, 2e-3, 0, 0.05, 0, 0.02])
+    size = np.array([0.06, 0.012, 0.012])
+    return GraspPicture(h, x["q"], x["q"] + 0.05, x["x_ht"], dx, np.ones(6), x["contacts"], family, size, 1.1 * dx)
+
+
+def _inputs() -> ReportInputs:
+    true = RNG.normal(size=(50, 6)) * 1e-3
+    work = {"label": RNG.normal(size=50), "aminn": np.abs(RNG.normal(size=50)), "mlp": np.zeros(0)}
+    curve = {"train": [1.0, 0.5, 0.3], "validation": [1.1, 0.7, 0.5]}
+    return ReportInputs(
+        title="A <run> & more",
+        rows=[
+            {"model": "aminn", "f1": 0.9123, "rmse_mm": float("nan")},
+            {"model": "mine", "passivity_violation_full": 0.0},
+        ],
+        signed_work=work,
+        signed_work_translational=work,
+        true_dx=true,
+        predicted_dx={"aminn": true * 1.1, "mine": true * 0},
+        histories={"aminn": {"stage1": curve, "stage2": curve}},
+        grasp=_grasp(),
+        verification={"ok": True, "samples": 1234, "host_bin_dx_relative_max": 1.5e-5, "host_bin_refused": 0},
+        dataset={"grasps": 12, "stable share": 0.6123},
+        notes=["A note."],
+    )
+
+
+def test_page_is_self_contained_and_complete(tmp_path: Path) -> None:
+    write_report(_inputs(), tmp_path / "reports" / "page.html")
+    page = (tmp_path / "reports" / "page.html").read_text()
+    assert "A &lt;run&gt; &amp; more" in page
+    assert page.count("data:image/png;base64,") == 4
+    assert all(link.startswith("data:") for link in re.findall(r'(?:src|href)="([^"]*)"', page))
+    assert not re.search(r"https?://", page)
+    for text in ("0.912", "1234", "1.5e-05", "stable share", "0.6123", "A note.", "Every sample within its limit"):
+        assert text in page
+    assert [f.name for f in (tmp_path / "reports").iterdir()] == ["page.html"]
+
+
+def test_empty_inputs_give_a_page_without_figures(tmp_path: Path) -> None:
+    write_report(ReportInputs(), tmp_path / "page.html")
+    page = (tmp_path / "page.html").read_text()
+    assert "<img" not in page
+    assert "<table" not in page
+    assert pictures(ReportInputs()) == []
+
+
+def test_failed_verification_is_said(tmp_path: Path) -> None:
+    write_report(ReportInputs(verification={"ok": False, "host_c_refused": 3}), tmp_path / "page.html")
+    assert "outside their limit" in (tmp_path / "page.html").read_text()
+
+
+def test_cells() -> None:
+    assert result_table(_inputs().rows)[0][:4] == ["AMINN", "0.912", "–", "–"]
+    assert result_table(_inputs().rows)[1][-1] == "0.00%"
+    assert format_value(True) == "yes"
+    assert format_value(1234567) == "1234567"
+    headings, cells = difference_table({"cortex_m7_refused": 0, "onnx_float64_dx_relative_max": 1e-5})
+    assert headings == ["Cortex-M7 (qemu)", "ONNX Runtime"]
+    assert ["samples refused", "0", "–"] in cells
+
+
+@pytest.mark.parametrize("family", ["handle", "block", "ball", "something else"])
+def test_grasp_of_each_family_is_drawn(family: str) -> None:
+    figure, caption = draw_grasp(_grasp(family))
+    assert len(to_png(figure)) > 20_000
+    assert family in caption
+    assert "predicted" in caption
+    points = np.concatenate(tool_faces(family, np.array([0.06, 0.012, 0.012])))
+    np.testing.assert_allclose(np.abs(points).max(0), [0.06, 0.012, 0.012], rtol=0.06)
+
+
+def test_small_motions_are_drawn_larger() -> None:
+    assert magnification(_grasp(scale=10).dx_ht) == 1
+    assert magnification(_grasp(scale=1e-3).dx_ht) == 20
+    assert "times as large" in draw_grasp(_grasp(scale=0.1))[1]
+
+
+def test_forward_kinematics_agree_with_the_closure() -> None:
+    """The fingertip's velocity is B qdot: finite differences of the drawn links against the columns of -J_q."""
+    h, q, step = hand(), np.random.default_rng(3).uniform(0.2, 0.6, 8), 1e-6
+    tips = np.stack([branch_points(h, b, q)[2] for b in range(3)])
+    _, j_q = closure(h, q, np.zeros(3), tips)
+    for b, joints in enumerate(h["branch_joints"]):
+        for k, j in enumerate(joints):
+            if j >= 0:
+                ahead = branch_points(h, b, q + step * (np.arange(8) == j))[2]
+                np.testing.assert_allclose((ahead - tips[b]) / step, -j_q[b][:, k], atol=1e-6)
+
+
+def test_rotation_matrix_turns_about_its_vector() -> None:
+    turn = rotation_matrix(np.array([0, 0, np.pi / 2]))
+    np.testing.assert_allclose(turn @ [1, 0, 0], [0, 1, 0], atol=1e-12)
+    np.testing.assert_array_equal(rotation_matrix(np.zeros(3)), np.eye(3))
