@@ -1,0 +1,268 @@
+/*
+ * A controller loop on the target: read a state, predict, write the result; here from and to files of the host
+ * (semihosting), so that the results can be compared there.
+ *
+ * Command line: firmware VECTORS.bin OUT.bin   the formats of runtime/tools/vector_file.h
+ *               firmware --fault               runs into an undefined instruction, to try the fault handler
+ *
+ * Ends with 0; 1 and a message on a bad file; 70 after a fault. Prints figures as lines "firmware: NAME VALUE".
+ */
+#include <string.h>
+
+#include MODEL_HEADER
+#include "semihosting.h"
+#include "startup.h"
+#include "vector_file.h"
+
+#define SYST_CSR (*(volatile uint32_t *)0xE000E010u)
+#define SYST_RVR (*(volatile uint32_t *)0xE000E014u)
+#define SYST_CVR (*(volatile uint32_t *)0xE000E018u)
+
+enum { CALIBRATION_LOOPS = 100000, STACK_SAMPLES = 16 };
+
+/* all static: this is the whole memory that the runtime needs beside its stack */
+static aminn_t ctx;
+static aminn_input_t in;
+static aminn_output_t out;
+
+static char command_line[512];
+static int vectors_file = -1, results_file = -1;
+
+typedef struct figures {
+    uint32_t refused, call_stack, ticks_total, ticks_max;
+} figures_t;
+
+static int fail(const char *what, const char *why)
+{
+    semihost_puts("firmware: ");
+    semihost_puts(what);
+    semihost_puts(": ");
+    semihost_puts(why);
+    semihost_puts("\n");
+    return 1;
+}
+
+static void print_figure(const char *name, uint32_t value)
+{
+    semihost_puts("firmware: ");
+    semihost_puts(name);
+    semihost_puts(" ");
+    semihost_put_u32(value);
+    semihost_puts("\n");
+}
+
+/* ---- time: SysTick counts down; under "-icount" its rate is a fixed number of instructions a tick ---- */
+
+static void ticks_start(void)
+{
+    SYST_RVR = 0xFFFFFFu;
+    SYST_CVR = 0;
+    SYST_CSR = 5u; /* on, processor clock, no interrupt */
+}
+
+static uint32_t ticks_since(uint32_t start)
+{
+    return (start - SYST_CVR) & 0xFFFFFFu;
+}
+
+/* instructions a tick, times 1000; 0 if the clock does not follow the instructions */
+static uint32_t calibrate(void)
+{
+    uint32_t ticks[2];
+    int i;
+    for (i = 0; i < 2; ++i) {
+        uint32_t loops = CALIBRATION_LOOPS;
+        const uint32_t start = SYST_CVR;
+        __asm volatile("1: subs %0, %0, #1\n bne 1b" : "+r"(loops) : : "cc");
+        ticks[i] = ticks_since(start);
+    }
+    if (ticks[0] == 0 || ticks[0] + 1 < ticks[1] || ticks[1] + 1 < ticks[0]) {
+        return 0;
+    }
+    return 2u * CALIBRATION_LOOPS * 1000u / ticks[1];
+}
+
+/* ---- files ---- */
+
+/* two words after the program's name, in place */
+static int parse(char **first, char **second)
+{
+    char *space = strchr(command_line, ' ');
+    *first = *second = NULL;
+    if (space == NULL) {
+        return 1;
+    }
+    *first = space + 1;
+    space = strchr(*first, ' ');
+    if (space != NULL) {
+        *space = '\0';
+        *second = space + 1;
+    }
+    return 0;
+}
+
+/* null, or what is wrong with the vector file; leaves the file at its first sample */
+static const char *check_vectors(vector_header_t *header)
+{
+    static uint8_t chunk[1024];
+    const int32_t length = semihost_length(vectors_file);
+    uint32_t crc = 0, left;
+    const char *error;
+    if (length < (int32_t)sizeof *header || semihost_read(vectors_file, header, sizeof *header) != 0) {
+        return "truncated: no header";
+    }
+    left = (uint32_t)length - (uint32_t)sizeof *header;
+    error = vector_header_error(header, left);
+    if (error != NULL) {
+        return error;
+    }
+    while (left > 0) {
+        const uint32_t n = left < sizeof chunk ? left : (uint32_t)sizeof chunk;
+        if (semihost_read(vectors_file, chunk, n) != 0) {
+            return "cannot read";
+        }
+        crc = vector_crc(crc, chunk, n);
+        left -= n;
+    }
+    if (crc != header->crc) {
+        return "damaged: its CRC-32 does not match";
+    }
+    return semihost_seek(vectors_file, (uint32_t)sizeof *header) == 0 ? NULL : "cannot seek";
+}
+
+/* writes one row behind the rows before it, and its status behind all rows */
+static int store(uint32_t n, uint32_t i, aminn_status_t status, uint32_t *crc)
+{
+    const uint32_t row_size = RESULT_N_OUT * 4u;
+    const int32_t code = status;
+    float row[RESULT_N_OUT];
+    row[0] = out.p_stable;
+    memcpy(row + 1, out.dx_ht, sizeof out.dx_ht);
+    memcpy(row + 7, out.k_x, sizeof out.k_x);
+    memcpy(row + 43, out.gate, sizeof out.gate);
+    row[46] = (float)out.stable;
+    *crc = vector_crc(*crc, row, sizeof row);
+    return semihost_seek(results_file, (uint32_t)sizeof(vector_header_t) + i * row_size) != 0 ||
+           semihost_write(results_file, row, sizeof row) != 0 ||
+           semihost_seek(results_file, (uint32_t)sizeof(vector_header_t) + n * row_size + i * 4u) != 0 ||
+           semihost_write(results_file, &code, sizeof code) != 0;
+}
+
+/* header last: until it is there, the file is not a result file */
+static int finish(uint32_t n, uint32_t crc)
+{
+    vector_header_t header = {RESULT_MAGIC, VECTOR_VERSION, 0, 0, RESULT_N_OUT, 0, 0, 0};
+    uint32_t i;
+    if (semihost_seek(results_file, (uint32_t)sizeof header + n * RESULT_N_OUT * 4u) != 0) {
+        return 1;
+    }
+    for (i = 0; i < n; ++i) {
+        int32_t code;
+        if (semihost_read(results_file, &code, sizeof code) != 0) {
+            return 1;
+        }
+        crc = vector_crc(crc, &code, sizeof code);
+    }
+    header.n = n;
+    header.crc = crc;
+    return semihost_seek(results_file, 0) != 0 || semihost_write(results_file, &header, sizeof header) != 0;
+}
+
+/* ---- the loop ---- */
+
+/* one prediction with its cost; the stack is measured on the first samples only, since painting it takes long */
+static aminn_status_t predict(uint32_t i, figures_t *f)
+{
+    aminn_status_t status;
+    uint32_t start, ticks;
+    if (i < STACK_SAMPLES) {
+        stack_paint();
+    }
+    start = SYST_CVR;
+    status = aminn_predict(&ctx, &in, &out);
+    ticks = ticks_since(start);
+    if (i < STACK_SAMPLES) {
+        const uint32_t used = stack_pointer_free() - stack_free();
+        f->call_stack = used > f->call_stack ? used : f->call_stack;
+    }
+    f->ticks_total += ticks;
+    f->ticks_max = ticks > f->ticks_max ? ticks : f->ticks_max;
+    f->refused += status != AMINN_OK;
+    return status;
+}
+
+static int run(const vector_header_t *header, figures_t *f)
+{
+    const uint32_t blank[sizeof(vector_header_t) / 4] = {0};
+    const uint32_t n = header->n;
+    uint32_t i, crc = 0;
+    if (semihost_write(results_file, blank, sizeof blank) != 0) {
+        return fail("results", "cannot write");
+    }
+    for (i = 0; i < n; ++i) {
+        if (semihost_read(vectors_file, &in, sizeof in) != 0) {
+            return fail("vectors", "cannot read");
+        }
+        if (store(n, i, predict(i, f), &crc) != 0) {
+            return fail("results", "cannot write");
+        }
+    }
+    return finish(n, crc) != 0 ? fail("results", "cannot write") : 0;
+}
+
+static void print_figures(uint32_t n, const figures_t *f, uint32_t rate)
+{
+    print_figure("samples", n);
+    print_figure("refused", f->refused);
+    print_figure("context_bytes", (uint32_t)sizeof ctx);
+    print_figure("stack_predict_bytes", f->call_stack);
+    print_figure("stack_high_water_bytes", stack_size() - stack_free());
+    if (rate != 0 && n > 0) {
+        print_figure("instructions_per_prediction", (uint32_t)((uint64_t)f->ticks_total * rate / n / 1000u));
+        print_figure("instructions_worst", (uint32_t)((uint64_t)f->ticks_max * rate / 1000u));
+    }
+}
+
+int main(void)
+{
+    vector_header_t header;
+    figures_t figures = {0, 0, 0, 0};
+    uint32_t rate;
+    char *vectors = NULL, *results = NULL;
+    aminn_status_t status = aminn_init(&ctx, &MODEL_SYMBOL, AMINN_FLAG_ALWAYS_STAGE2);
+    const char *error;
+    int result;
+    if (status != AMINN_OK) {
+        return fail("aminn_init", aminn_status_name(status));
+    }
+    if (semihost_command_line(command_line, sizeof command_line) != 0 || parse(&vectors, &results) != 0) {
+        return fail("usage", "firmware VECTORS.bin OUT.bin");
+    }
+    if (strcmp(vectors, "--fault") == 0) {
+        __asm volatile("udf #0");
+    }
+    if (results == NULL) {
+        return fail("usage", "firmware VECTORS.bin OUT.bin");
+    }
+    vectors_file = semihost_open(vectors, SEMIHOST_READ);
+    if (vectors_file < 0) {
+        return fail(vectors, "cannot open");
+    }
+    error = check_vectors(&header);
+    if (error != NULL) {
+        return fail(vectors, error);
+    }
+    results_file = semihost_open(results, SEMIHOST_WRITE);
+    if (results_file < 0) {
+        return fail(results, "cannot open for writing");
+    }
+    ticks_start();
+    rate = calibrate();
+    result = run(&header, &figures);
+    semihost_close(results_file);
+    semihost_close(vectors_file);
+    if (result == 0) {
+        print_figures(header.n, &figures, rate);
+    }
+    return result;
+}
