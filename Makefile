@@ -17,6 +17,7 @@ STAMPS  := $(BUILD)/stamps
 PYTHON  := $(VENV)/bin/python
 QUIET   := tools/setup/quiet.sh
 HOST    := $(BUILD)/host
+FIRMWARE := $(BUILD)/firmware
 REPORTS := $(BUILD)/reports
 
 .DEFAULT_GOAL := help
@@ -29,8 +30,9 @@ SHELL := /bin/bash
 sources = $(shell find $(wildcard $(1)) -type f -not -name '*.pyc' -not -path '*/.*')
 MODULE_SOURCES  := CMakeLists.txt pyproject.toml $(wildcard runtime/include/aminn_rt.h) \
                    $(filter-out %.py,$(call sources,sim))
-RUNTIME_SOURCES := CMakeLists.txt $(filter-out %.py,$(call sources,runtime))
+RUNTIME_SOURCES := CMakeLists.txt $(filter-out %.py runtime/firmware/%,$(call sources,runtime))
 TEST_SOURCES    := $(filter-out %.py,$(call sources,tests/runtime tests/golden))
+FIRMWARE_SOURCES := $(RUNTIME_SOURCES) $(filter-out %.py,$(call sources,runtime/firmware tests/golden))
 FORMATTED       := $(filter %.c %.h %.cpp %.hpp,$(call sources,sim runtime tests/runtime))
 PYTHON_FOLDERS  := $(wildcard sim trainer tools tests runtime)
 
@@ -67,6 +69,10 @@ dataset: setup-python ## simulated grasps and loads, in build/dataset (GRASPS=, 
 	@$(VENV)/bin/aminn simulate --out $(BUILD)/dataset --grasps $(GRASPS) --cases $(CASES) --seed $(SEED) \
 	  --threads $(THREADS)
 	@echo "Dataset: $(BUILD)/dataset/manifest.json"
+
+.PHONY: bench
+bench: setup-python setup-host ## time of one prediction, C runtime beside ONNX Runtime, on the reference model
+	@$(PYTHON) -m aminn_export.bench --model tests/golden --build $(HOST) --json $(REPORTS)/bench.json
 
 .PHONY: install
 install: setup-host ## the C library, header, CMake package and aminn_rt.pc (PREFIX=/usr/local)
@@ -112,7 +118,15 @@ $(STAMPS)/host: $(RUNTIME_SOURCES) | $(STAMPS)/apt-host
 	@$(QUIET) $(BUILD)/logs/host.log cmake --build $(HOST) --parallel $(JOBS)
 	@touch $@
 
-$(STAMPS)/unity: tools/setup/unity.sh | $(STAMPS)/apt-host $(STAMPS)/apt-unity
+# The same library and the reference model for the Cortex-M7.
+$(STAMPS)/firmware: $(FIRMWARE_SOURCES) | $(STAMPS)/apt-host $(STAMPS)/apt-arm
+	@echo "Building the firmware"
+	@$(QUIET) $(BUILD)/logs/firmware-configure.log cmake -S runtime/firmware -B $(FIRMWARE) -G Ninja \
+	  --toolchain $(CURDIR)/runtime/firmware/arm-none-eabi.cmake -DMODEL_DIR=$(CURDIR)/tests/golden
+	@$(QUIET) $(BUILD)/logs/firmware.log cmake --build $(FIRMWARE) --parallel $(JOBS)
+	@touch $@
+
+$(STAMPS)/unity: tools/setup/unity.sh | $(STAMPS)/apt-host $(STAMPS)/apt-test
 	@tools/setup/unity.sh $(BUILD)/unity
 	@touch $@
 

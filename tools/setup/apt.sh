@@ -26,12 +26,13 @@ packages() {
       echo "libnewlib-arm-none-eabi have_arm_header stdio.h"
       echo "libstdc++-arm-none-eabi-newlib have_arm_header cmath"
       echo "qemu-system-arm have qemu-system-arm" ;;
-    unity) # sources of the C test framework
+    test) # sources of the C test framework, and what the install test tries
       echo "ca-certificates"
+      echo "pkg-config have pkg-config"
       echo "git have git"
       echo "xz-utils have xz" ;;
     *)
-      echo "apt.sh: no group '$1' (make host sim python arm unity)" >&2
+      echo "apt.sh: no group '$1' (make host sim python arm test)" >&2
       exit 2 ;;
   esac
 }
