@@ -23,6 +23,8 @@ LIGHT = np.array([0.4, -0.5, 0.77])
 # Motions smaller than this are drawn larger, and the caption says so.
 VISIBLE_M = 0.006
 ARROW_M = 0.04
+# Where the camera may stand, degrees: the thumb is left or right of the fingers, never in front of them.
+ELEVATION, AZIMUTHS = 18, (-28, 28, 152, -152)
 
 
 @dataclass(frozen=True)
@@ -196,18 +198,33 @@ def _draw_load(ax: Axes3D, picture: GraspPicture, pose: Array) -> None:
         return
     along = rotation_matrix(pose[3:]).T @ force / size
     depth = float((np.asarray(picture.tool_size_m) / np.maximum(np.abs(along), 1e-9)).min())
-    start, vector = 1e3 * (pose[:3] + depth * force / size), 1e3 * ARROW_M * force / size
+    start, vector = 1e3 * (pose[:3] + (depth + 0.002) * force / size), 1e3 * ARROW_M * force / size
     ax.quiver(*start, *vector, color=LOAD_COLOUR, linewidth=2.2, arrow_length_ratio=0.3)
-    ax.text(*(start + 1.15 * vector), f"{size:.1f} N", color=LOAD_COLOUR, fontsize=9)
+    a = math.radians(_azimuth(force))
+    to_the_right = math.cos(a) * force[1] - math.sin(a) * force[0] >= 0
+    side = "left" if to_the_right else "right"
+    ax.text(*(start + 1.15 * vector), f"{size:.1f} N", color=LOAD_COLOUR, fontsize=9, ha=side, va="center")
 
 
-def _frame(ax: Axes3D, points: Array, title: str) -> None:
+def _azimuth(force: Array) -> float:
+    """The side to look from: where the force points across the picture, or rather towards the reader."""
+    size = max(float(np.linalg.norm(force)), 1e-9)
+
+    def towards(azimuth: float) -> float:
+        a, e = math.radians(azimuth), math.radians(ELEVATION)
+        view = np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
+        return float(view @ force) / size
+
+    return min(AZIMUTHS, key=lambda azimuth: abs(towards(azimuth) - 0.2))
+
+
+def _frame(ax: Axes3D, points: Array, title: str, azimuth: float) -> None:
     """Equal axes around the points, no clutter."""
     middle, half = 0.5 * (points.max(0) + points.min(0)), 0.5 * float(np.ptp(points, axis=0).max())
     for setter, m in zip((ax.set_xlim, ax.set_ylim, ax.set_zlim), middle, strict=True):
         setter(1e3 * (m - half), 1e3 * (m + half))
     ax.set_box_aspect((1, 1, 1), zoom=1.08)
-    ax.set_title(title, fontsize=10, y=1.0)
+    ax.set_title(title, fontsize=10, y=0.95)
     for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
         axis.set_pane_color((1, 1, 1, 0))
         axis.line.set_color("#bbbbbb")
@@ -217,7 +234,7 @@ def _frame(ax: Axes3D, points: Array, title: str) -> None:
     ax.set_ylabel("y, mm", fontsize=8, labelpad=-6)
     ax.set_zlabel("z, mm", fontsize=8, labelpad=-6)
     ax.locator_params(nbins=4)
-    ax.view_init(elev=18, azim=-28)
+    ax.view_init(elev=ELEVATION, azim=azimuth)
 
 
 def magnification(dx: Array) -> int:
@@ -242,7 +259,7 @@ def draw_grasp(picture: GraspPicture) -> tuple[Figure, str]:
     """(figure, caption): the grasp before the load and under it."""
     factor = magnification(picture.dx_ht)
     figure = Figure(figsize=(10.4, 5.2), dpi=130)
-    figure.subplots_adjust(left=0.0, right=0.95, bottom=0.04, top=0.95, wspace=0.0)
+    figure.subplots_adjust(left=0.02, right=0.96, bottom=0.04, top=0.95, wspace=0.0)
     q_after = picture.q + factor * (np.asarray(picture.q_after) - picture.q)
     states = (
         (picture.q, np.asarray(picture.x_ht)),
@@ -259,5 +276,5 @@ def draw_grasp(picture: GraspPicture) -> tuple[Figure, str]:
         if k == 1:
             _draw_ghost(ax, picture)
             _draw_load(ax, picture, pose)
-        _frame(ax, points, title)
+        _frame(ax, points, title, _azimuth(np.asarray(picture.w_e[:3])))
     return figure, _caption(picture, factor)

@@ -158,7 +158,7 @@ def _draw_work(ax: Axes, work: Mapping[str, Array], title: str) -> None:
     edges, low = _edges(list(work.values()))
     peak = 0.0
     for name, values in work.items():
-        counts, _ = np.histogram(np.clip(values, edges[0], edges[-1]), edges)
+        counts, _ = np.histogram(np.clip(values[values != 0], edges[0], edges[-1]), edges)
         share = counts / max(len(values), 1)
         peak = max(peak, float(share.max(initial=0)))
         negative = float((values < 0).mean()) if len(values) else 0.0
@@ -271,7 +271,8 @@ def pictures(inputs: ReportInputs) -> list[Picture]:
     if inputs.signed_work:
         caption = (
             "Load cases predicted stable. A passive grasp yields with the load: w·dx is above zero. For the force "
-            "alone that is not so for every true motion when a moment acts as well."
+            "alone that is not so for every true motion when a moment acts as well. Loads without a force are left out "
+            "of the drawing on the right."
         )
         figure = work_figure(inputs.signed_work, inputs.signed_work_translational)
         made.append(_picture("Signed work", caption, figure))
