@@ -3,10 +3,10 @@
  *
  *   aminn_bench MODEL.bin VECTORS.bin ROUNDS
  *
- * Runs over all samples of the vector file ROUNDS times and prints, as one JSON object, mean, median, 99th percentile and
- * the largest time of one call in microseconds: of aminn_predict as a controller calls it (stage 2 only where the grasp
- * holds), of aminn_predict with both stages (the worst case), and of aminn_predict_state, which computes the closure itself.
- * Exits with 0, with 1 and a message on a bad file or a refused sample, with 2 on bad arguments.
+ * Runs over all samples of the vector file ROUNDS times and prints, as one JSON object, mean, median, 99th percentile
+ * and the largest time of one call in microseconds: of aminn_predict as a controller calls it (stage 2 only where the
+ * grasp holds), of aminn_predict with both stages (the worst case), and of aminn_predict_state, which computes the
+ * closure itself. Exits with 0, with 1 and a message on a bad file or a refused sample, with 2 on bad arguments.
  */
 #define _POSIX_C_SOURCE 200809L
 #include <stdio.h>
@@ -15,54 +15,10 @@
 #include <time.h>
 
 #include "aminn_rt.h"
+#include "host_file.h"
 #include "vector_file.h"
 
 typedef aminn_status_t (*call_t)(aminn_t *ctx, const aminn_input_t *in, aminn_output_t *out);
-
-static void die(const char *path, const char *what)
-{
-    fprintf(stderr, "aminn_bench: %s: %s\n", path, what);
-    exit(1);
-}
-
-/* whole file in memory that malloc aligned; *size is set */
-static void *read_file(const char *path, size_t *size)
-{
-    FILE *file = fopen(path, "rb");
-    void *bytes = NULL;
-    long end = -1;
-    if (file == NULL || fseek(file, 0, SEEK_END) != 0 || (end = ftell(file)) < 0 || fseek(file, 0, SEEK_SET) != 0) {
-        die(path, "cannot open");
-    }
-    bytes = malloc((size_t)end + 1);
-    if (bytes == NULL || fread(bytes, 1, (size_t)end, file) != (size_t)end) {
-        die(path, "cannot read");
-    }
-    fclose(file);
-    *size = (size_t)end;
-    return bytes;
-}
-
-/* header of a checked vector file; the samples start behind it */
-static const vector_header_t *open_vectors(const char *path)
-{
-    size_t size = 0;
-    const vector_header_t *header = read_file(path, &size);
-    const char *error = "truncated";
-    if (size >= sizeof *header) {
-        error = vector_header_error(header, size - sizeof *header);
-    }
-    if (error == NULL && vector_crc(0, header + 1, size - sizeof *header) != header->crc) {
-        error = "damaged: its CRC-32 does not match";
-    }
-    if (error == NULL && header->n == 0) {
-        error = "no samples";
-    }
-    if (error != NULL) {
-        die(path, error);
-    }
-    return header;
-}
 
 static aminn_status_t predict_state(aminn_t *ctx, const aminn_input_t *in, aminn_output_t *out)
 {
@@ -94,7 +50,7 @@ static void time_calls(const aminn_model_t *model, uint32_t flags, call_t call, 
     const size_t count = vectors->n * rounds;
     size_t i;
     if (aminn_init(&ctx, model, flags) != AMINN_OK) {
-        die("model", "refused by aminn_init");
+        die("the model is refused by aminn_init");
     }
     for (i = 0; i < count; ++i) {
         aminn_input_t in;
@@ -106,7 +62,7 @@ static void time_calls(const aminn_model_t *model, uint32_t flags, call_t call, 
         status = call(&ctx, &in, &out);
         clock_gettime(CLOCK_MONOTONIC, &stop);
         if (status != AMINN_OK) {
-            die("a sample", aminn_status_name(status));
+            die("sample %u is refused: %s", (unsigned)(i % vectors->n), aminn_status_name(status));
         }
         times[i] = elapsed_us(&start, &stop);
     }
@@ -129,23 +85,21 @@ int main(int argc, char **argv)
     aminn_model_t model;
     const vector_header_t *vectors = NULL;
     double *times = NULL;
-    size_t size = 0, rounds = 0, count;
-    aminn_status_t status;
-    const void *blob = NULL;
+    size_t rounds = 0, count;
+    program_name = "aminn_bench";
     if (argc != 4 || (rounds = strtoul(argv[3], NULL, 10)) == 0 || rounds > 1000000) {
         fprintf(stderr, "usage: %s MODEL.bin VECTORS.bin ROUNDS\n", argv[0]);
         return 2;
     }
-    blob = read_file(argv[1], &size);
-    status = aminn_model_from_blob(blob, size, &model);
-    if (status != AMINN_OK) {
-        die(argv[1], aminn_status_text(status));
-    }
+    open_model(argv[1], &model);
     vectors = open_vectors(argv[2]);
+    if (vectors->n == 0) {
+        die("%s: no samples", argv[2]);
+    }
     count = vectors->n * rounds;
     times = malloc(count * sizeof *times);
     if (times == NULL) {
-        die(argv[2], "out of memory");
+        die("out of memory");
     }
     printf("{");
     time_calls(&model, 0, aminn_predict, vectors, rounds, times);

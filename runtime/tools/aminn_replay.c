@@ -14,97 +14,17 @@
  */
 #define _POSIX_C_SOURCE 200809L
 #include <errno.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <time.h>
 
 #include "aminn_rt.h"
+#include "host_file.h"
 #include "vector_file.h"
 #ifdef AMINN_REPLAY_HEADER
 #include AMINN_REPLAY_HEADER
 #endif
-
-/* name of the half-written output; removed when the program stops early */
-static char partial_path[4096];
-
-static void die(const char *format, ...)
-{
-    va_list args;
-    va_start(args, format);
-    fputs("aminn_replay: ", stderr);
-    vfprintf(stderr, format, args);
-    fputc('\n', stderr);
-    va_end(args);
-    if (partial_path[0] != '\0') {
-        remove(partial_path);
-    }
-    exit(1);
-}
-
-/* whole file in memory that malloc aligned; *size is set */
-static void *read_file(const char *path, size_t *size)
-{
-    FILE *file = fopen(path, "rb");
-    void *bytes = NULL;
-    long end;
-    if (file == NULL) {
-        die("%s: %s", path, strerror(errno));
-    }
-    if (fseek(file, 0, SEEK_END) != 0 || (end = ftell(file)) < 0 || fseek(file, 0, SEEK_SET) != 0) {
-        die("%s: not a regular file", path);
-    }
-    bytes = malloc((size_t)end + 1);
-    if (bytes == NULL) {
-        die("%s: out of memory for %ld bytes", path, end);
-    }
-    if (fread(bytes, 1, (size_t)end, file) != (size_t)end) {
-        die("%s: cannot read", path);
-    }
-    fclose(file);
-    *size = (size_t)end;
-    return bytes;
-}
-
-/* header of a checked vector file; the samples start behind it */
-static const vector_header_t *open_vectors(const char *path)
-{
-    size_t size = 0;
-    const vector_header_t *header = read_file(path, &size);
-    const char *error = NULL;
-    if (size < sizeof *header) {
-        die("%s: truncated: %zu bytes, a vector file has at least %zu", path, size, sizeof *header);
-    }
-    error = vector_header_error(header, size - sizeof *header);
-    if (error != NULL) {
-        die("%s: %s", path, error);
-    }
-    if (vector_crc(0, header + 1, size - sizeof *header) != header->crc) {
-        die("%s: damaged: its CRC-32 does not match", path);
-    }
-    return header;
-}
-
-static const aminn_model_t *open_model(const char *path)
-{
-    static aminn_model_t model;
-    aminn_status_t status;
-#ifdef AMINN_REPLAY_MODEL
-    (void)path;
-    model = AMINN_REPLAY_MODEL;
-    status = aminn_model_check(&model);
-    path = "compiled model";
-#else
-    size_t size = 0;
-    const void *bytes = read_file(path, &size);
-    status = aminn_model_from_blob(bytes, size, &model);
-#endif
-    if (status != AMINN_OK) {
-        die("%s: %s: %s", path, aminn_status_name(status), aminn_status_text(status));
-    }
-    return &model;
-}
 
 static void store(const aminn_output_t *out, float *row)
 {
@@ -183,11 +103,12 @@ int main(int argc, char **argv)
 #ifdef AMINN_REPLAY_MODEL
     const int first = 1;
     const char *usage = "VECTORS.bin OUT.bin";
+    const aminn_model_t model = AMINN_REPLAY_MODEL;
 #else
     const int first = 2;
     const char *usage = "MODEL.bin VECTORS.bin OUT.bin";
+    aminn_model_t model;
 #endif
-    const aminn_model_t *model = NULL;
     const vector_header_t *vectors = NULL;
     float *rows = NULL;
     int32_t *statuses = NULL;
@@ -197,7 +118,10 @@ int main(int argc, char **argv)
         fprintf(stderr, "usage: %s %s\n", argv[0], usage);
         return 2;
     }
-    model = open_model(first == 2 ? argv[1] : NULL);
+    program_name = "aminn_replay";
+#ifndef AMINN_REPLAY_MODEL
+    open_model(argv[1], &model);
+#endif
     vectors = open_vectors(argv[first]);
     rows = malloc(((size_t)vectors->n * RESULT_N_OUT + 1) * sizeof *rows);
     statuses = malloc(((size_t)vectors->n + 1) * sizeof *statuses);
@@ -205,7 +129,7 @@ int main(int argc, char **argv)
         die("out of memory for %u samples", (unsigned)vectors->n);
     }
     start_s = now_s();
-    refused = predict_all(model, vectors, rows, statuses);
+    refused = predict_all(&model, vectors, rows, statuses);
     spent_s = now_s() - start_s;
     write_results(argv[first + 1], vectors->n, rows, statuses);
     printf("samples %u, refused %u, %.3f us per prediction\n", (unsigned)vectors->n, (unsigned)refused,

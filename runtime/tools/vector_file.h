@@ -67,4 +67,19 @@ static inline const char *vector_header_error(const vector_header_t *h, uint64_t
     return NULL;
 }
 
+/* The same for a result file: rows of RESULT_N_OUT floats, then a status code a sample. */
+static inline const char *result_header_error(const vector_header_t *h, uint64_t payload)
+{
+    if (h->magic != RESULT_MAGIC) {
+        return "not a result file (wrong magic): the replay did not finish";
+    }
+    if (h->version != VECTOR_VERSION || h->n_out != RESULT_N_OUT) {
+        return "a result file of another version; replay again";
+    }
+    if ((uint64_t)h->n * (RESULT_N_OUT + 1u) * 4u != payload) {
+        return "truncated, or longer than its header says";
+    }
+    return NULL;
+}
+
 #endif

@@ -1,0 +1,30 @@
+/* Reading whole files on a host, with a message and exit 1 on every failure. For the command line tools. */
+#ifndef AMINN_HOST_FILE_H
+#define AMINN_HOST_FILE_H
+
+#include "aminn_rt.h"
+#include "vector_file.h"
+
+/* Set once by main: stands before every message. */
+extern const char *program_name;
+/* Removed by die() when not empty: name of a half-written output. */
+extern char partial_path[4096];
+
+#if defined(__GNUC__)
+__attribute__((noreturn, format(printf, 1, 2)))
+#endif
+void die(const char *format, ...);
+
+/* Whole file in memory that malloc aligned; *size is set. */
+void *read_file(const char *path, size_t *size);
+
+/* Header of a checked vector file; the samples lie behind it. */
+const vector_header_t *open_vectors(const char *path);
+
+/* Header of a checked result file; the rows and status codes lie behind it. */
+const vector_header_t *open_results(const char *path);
+
+/* A checked model blob. */
+void open_model(const char *path, aminn_model_t *model);
+
+#endif
