@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from random_model import RandomModel, random_inputs, random_model
+from runtime_models import RandomModel, random_inputs, random_model
 
 from aminn.dims import OUTPUT_SHAPES
 from aminn_export.bin_model import write_bin_model

@@ -62,7 +62,9 @@ def pack(values: dict[str, NDArray], shapes: dict[str, tuple[int, ...]], dtype: 
             raise AminnError(f"vectors: {name} is missing")
         if np.shape(values[name]) != (n, *shape):
             raise AminnError(f"vectors: {name} has shape {np.shape(values[name])}, expected {(n, *shape)}")
-    return np.concatenate([np.asarray(values[name], dtype).reshape(n, -1) for name in shapes], 1)
+    return np.concatenate(
+        [np.asarray(values[name], dtype).reshape(n, int(np.prod(shape))) for name, shape in shapes.items()], 1
+    )
 
 
 def unpack(rows: NDArray, shapes: dict[str, tuple[int, ...]]) -> dict[str, NDArray]:

@@ -1,0 +1,62 @@
+"""Dimensions and layouts that stand in the C header and in Python are the same."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from aminn import dims
+from aminn_export import layout
+
+HEADER = (Path(__file__).resolve().parents[2] / "runtime" / "include" / "aminn_rt.h").read_text()
+
+
+def macro(name: str) -> int:
+    """Value of a macro of the header, with the macros in it replaced."""
+    text = re.search(rf"#define {name} (.+?)(?: */\*.*)?$", HEADER, re.MULTILINE).group(1)
+    text = re.sub(r"AMINN_\w+", lambda m: str(macro(m.group(0))), text)
+    return int(eval(text.rstrip("u"), {"__builtins__": {}}))
+
+
+def test_dimensions() -> None:
+    assert macro("AMINN_N_BRANCH") == dims.N_BRANCH
+    assert macro("AMINN_N_COORD") == dims.N_COORD
+    assert macro("AMINN_N_JOINT") == dims.N_JOINT
+    assert macro("AMINN_N_CONTACT_FEATURE") == dims.N_CONTACT_FEATURE
+    assert macro("AMINN_N_WRENCH") == dims.N_WRENCH
+
+
+def test_network_dimensions() -> None:
+    assert macro("AMINN_N_CONTACT_INPUT") == layout.N_CONTACT_INPUT
+    assert macro("AMINN_N_GLOBAL_INPUT") == layout.N_GLOBAL_INPUT
+    assert macro("AMINN_N_HEAD") == layout.N_HEAD
+    assert macro("AMINN_N_AUX") == layout.N_AUX
+    assert macro("AMINN_FORMAT_VERSION") == layout.FORMAT_VERSION
+
+
+def test_dq0_codes() -> None:
+    assert {name: macro(f"AMINN_DQ0_{name.upper()}") for name in layout.DQ0_CODES} == layout.DQ0_CODES
+
+
+def test_input_struct_is_the_vector_row() -> None:
+    assert sum(int(np.prod(shape)) for shape in dims.INPUT_SHAPES.values()) == 125
+    body = HEADER[HEADER.index("typedef struct aminn_input") : HEADER.index("} aminn_input_t;")]
+    assert re.findall(r"float (\w+)\[", body) == list(dims.INPUT_SHAPES)
+
+
+def test_debug_struct_has_the_debug_models_names() -> None:
+    body = HEADER[HEADER.index("typedef struct aminn_stage_debug") : HEADER.index("} aminn_stage_debug_t;")]
+    assert re.findall(r"float (\w+)\[", body) == list(dims.DEBUG_SHAPES)
+
+
+def test_the_headers_example_is_the_one_that_is_tested() -> None:
+    example = HEADER[HEADER.index("EXAMPLE") : HEADER.index("#ifndef AMINN_RT_H")]
+    tested = (Path(__file__).parent / "test_example.c").read_text()
+    statements = [line.strip() for line in re.findall(r"^ \*     (.*)$", example, re.MULTILINE)]
+    statements = [re.sub(r"\s*//.*", "", s) for s in statements if not s.startswith("//")]
+    normal = re.sub(r"\s+", " ", re.sub(r"/\*.*?\*/", "", tested))
+    for statement in statements:
+        for part in filter(None, (p.strip() for p in re.split(r"[{}]", statement))):
+            assert re.sub(r"\s+", " ", part) in normal, part
