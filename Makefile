@@ -74,6 +74,16 @@ dataset: setup-python ## simulated grasps and loads, in build/dataset (GRASPS=, 
 bench: setup-python setup-host ## time of one prediction, C runtime beside ONNX Runtime, on the reference model
 	@$(PYTHON) -m aminn_export.bench --model tests/golden --build $(HOST) --json $(REPORTS)/bench.json
 
+.PHONY: firmware
+firmware: setup-firmware ## the library on a Cortex-M7, replayed in qemu on the golden vectors and compared
+	@cmake --build $(FIRMWARE) --target check
+	@echo "Image: $(FIRMWARE)/aminn_firmware.elf, report: $(REPORTS)/firmware.json"
+
+.PHONY: size
+size: firmware ## code, data, stack and model bytes on the Cortex-M7, with their change
+	@python3 runtime/tools/size_report.py --build $(FIRMWARE) --firmware-report $(REPORTS)/firmware.json \
+	  --out $(REPORTS)/size.json
+
 .PHONY: install
 install: setup-host ## the C library, header, CMake package and aminn_rt.pc (PREFIX=/usr/local)
 	@cmake --install $(HOST) --prefix $(PREFIX) >$(BUILD)/logs/install.log || { cat $(BUILD)/logs/install.log; exit 1; }
@@ -84,11 +94,12 @@ clean: ## remove build/ (data, models and reports too; .venv stays)
 	rm -rf $(BUILD)
 
 # --- set-up ---------------------------------------------------------------------------------------------------------
-.PHONY: setup setup-host setup-host-tests setup-arm setup-python
-setup: setup-host-tests setup-arm setup-python
+.PHONY: setup setup-host setup-host-tests setup-firmware setup-arm setup-python
+setup: setup-host-tests setup-firmware setup-python
 setup-host: $(STAMPS)/host
 setup-host-tests: $(STAMPS)/host-tests
 setup-arm: $(STAMPS)/apt-arm
+setup-firmware: $(STAMPS)/host $(STAMPS)/firmware
 setup-python: $(STAMPS)/module
 
 $(STAMPS)/apt-%: tools/setup/apt.sh
@@ -122,7 +133,8 @@ $(STAMPS)/host: $(RUNTIME_SOURCES) | $(STAMPS)/apt-host
 $(STAMPS)/firmware: $(FIRMWARE_SOURCES) | $(STAMPS)/apt-host $(STAMPS)/apt-arm
 	@echo "Building the firmware"
 	@$(QUIET) $(BUILD)/logs/firmware-configure.log cmake -S runtime/firmware -B $(FIRMWARE) -G Ninja \
-	  --toolchain $(CURDIR)/runtime/firmware/arm-none-eabi.cmake -DMODEL_DIR=$(CURDIR)/tests/golden
+	  --toolchain $(CURDIR)/runtime/firmware/arm-none-eabi.cmake -DMODEL_DIR=$(CURDIR)/tests/golden \
+	  -DCOMPARE=$(CURDIR)/$(HOST)/runtime/aminn_compare -DREPORT=$(CURDIR)/$(REPORTS)/firmware.json
 	@$(QUIET) $(BUILD)/logs/firmware.log cmake --build $(FIRMWARE) --parallel $(JOBS)
 	@touch $@
 
