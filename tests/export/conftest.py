@@ -12,7 +12,7 @@ TESTS = Path(__file__).resolve().parent.parent
 # Helpers of the other folders: random models and states of the runtime's tests, the made-up data set of the trainer's.
 sys.path[:0] = [str(TESTS / "runtime"), str(TESTS / "trainer")]
 
-from random_model import RandomModel, random_model  # noqa: E402
+from runtime_models import RandomModel, random_model  # noqa: E402
 from synthetic import hand, write_dataset  # noqa: E402
 
 from aminn.checkpoint import save_checkpoint  # noqa: E402

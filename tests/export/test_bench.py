@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from random_model import random_inputs
+from runtime_models import random_inputs
 
 from aminn_export import bench as module
 from aminn_export.bench import bench, format_bench

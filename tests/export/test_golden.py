@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from random_model import RandomModel
+from runtime_models import RandomModel
 
 from aminn.dataset import load_dataset
 from aminn_export.golden import spread, write_golden

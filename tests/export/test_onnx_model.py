@@ -12,7 +12,7 @@ import numpy as np
 import onnx
 import pytest
 import torch
-from random_model import RandomModel, random_inputs, random_model
+from runtime_models import RandomModel, random_inputs, random_model
 
 from aminn.dims import BRANCHES, DEBUG_SHAPES, INPUT_SHAPES, JOINTS, OUTPUT_SHAPES
 from aminn.errors import AminnError
@@ -53,7 +53,7 @@ def test_standard_operators_only_and_few(exported: RandomModel) -> None:
 def test_same_tables_give_the_same_bytes(exported: RandomModel, export_dir: Path, tmp_path: Path) -> None:
     code = (
         "import sys; from pathlib import Path; sys.path.insert(0, sys.argv[2])\n"
-        "from random_model import random_model; from aminn_export.onnx_model import write_onnx\n"
+        "from runtime_models import random_model; from aminn_export.onnx_model import write_onnx\n"
         "write_onnx(random_model(1), Path(sys.argv[1]), debug=True)"
     )
     file = tmp_path / "other.onnx"

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from random_model import random_inputs
+from runtime_models import random_inputs
 from synthetic import hand
 
 from aminn.checkpoint import load_checkpoint, save_checkpoint

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from random_model import RandomModel, random_inputs
+from runtime_models import RandomModel, random_inputs
 
 from aminn.dataset import load_dataset, split_of
 from aminn.errors import AminnError
@@ -48,6 +48,16 @@ def test_exported_model_passes(export_dir: Path, vectors: Path, build_dir: Path)
         assert 0 < report[f"{target}_dx_relative_median"] < 2e-6
         assert report[f"{target}_dx_share_of_limit_max"] < 1
         assert report[f"{target}_decisions_different"] == report[f"{target}_refused"] == 0
+
+
+@pytest.mark.skipif(
+    not all(map(shutil.which, ("arm-none-eabi-gcc", "qemu-system-arm", "cmake"))), reason="no cross compiler or no qemu"
+)
+def test_cortex_m7_repeats_onnx(export_dir: Path, vectors: Path, build_dir: Path) -> None:
+    report = verify(export_dir, vectors, build_dir, firmware=True, echo=lambda _: None)
+    assert report["ok"], report["failures"]
+    assert 0 < report["cortex_m7_dx_relative_median"] < 2e-6
+    assert report["cortex_m7_stack_high_water_bytes"] < 16384
 
 
 def test_data_set_is_replayed_test_split_first(

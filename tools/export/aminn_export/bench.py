@@ -37,7 +37,8 @@ def compile_bench(build_dir: Path, program: Path) -> None:
     """Compile the timing program against the built library."""
     source = runtime_source(build_dir)
     command = [cmake_cache(build_dir).get("CMAKE_C_COMPILER", "cc"), "-std=c99", "-O2", f"-I{source / 'include'}"]
-    command += [str(source / "tools" / "aminn_bench.c"), str(find_in(build_dir, "libaminn_rt.a")), "-lm"]
+    command += [str(source / "tools" / name) for name in ("aminn_bench.c", "host_file.c")]
+    command += [str(find_in(build_dir, "libaminn_rt.a")), "-lm"]
     run_program([*command, "-o", str(program)], "compiling aminn_bench")
 
 

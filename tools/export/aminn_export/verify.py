@@ -24,6 +24,7 @@ from aminn.errors import AminnError
 
 from .bin_model import BinModel, read_bin_model
 from .export import ONNX_FILE
+from .firmware import build_firmware, run_firmware
 from .golden import inputs_of, run_onnx, single_thread_session
 from .reference import Reference
 from .vectors import Results, read_results, read_vectors, write_vectors
@@ -129,24 +130,30 @@ def compile_fixed_replay(export_dir: Path, build_dir: Path, program: Path) -> No
     compiler = cmake_cache(build_dir).get("CMAKE_C_COMPILER", "cc")
     command = [compiler, "-std=c99", "-O2", "-Wall", "-Wextra", "-Werror"]
     command += [f'-DAMINN_REPLAY_HEADER="{prefix}.h"', f"-DAMINN_REPLAY_MODEL={prefix}"]
-    command += [f"-I{source / 'include'}", f"-I{export_dir}", str(source / "tools" / "aminn_replay.c")]
+    command += [f"-I{source / 'include'}", f"-I{export_dir}"]
+    command += [str(source / "tools" / name) for name in ("aminn_replay.c", "host_file.c")]
     command += [str(export_dir / f"{prefix}.c"), str(find_in(build_dir, "libaminn_rt.a")), "-lm", "-o", str(program)]
     run_program(command, "compiling the C model")
 
 
-def _replay_bin(export_dir: Path, build_dir: Path, vectors: Path, out: Path) -> None:
+def _replay_bin(export_dir: Path, build_dir: Path, vectors: Path, out: Path) -> Report:
     model = export_dir / f"{model_prefix(export_dir)}.bin"
     run_program([find_in(build_dir, "aminn_replay"), model, vectors, out], "aminn_replay")
+    return {}
 
 
-def _replay_c(export_dir: Path, build_dir: Path, vectors: Path, out: Path) -> None:
+def _replay_c(export_dir: Path, build_dir: Path, vectors: Path, out: Path) -> Report:
     program = vectors.with_name("replay_c")
     compile_fixed_replay(export_dir, build_dir, program)
     run_program([program, vectors, out], "the compiled model")
+    return {}
 
 
-def _replay_firmware(export_dir: Path, build_dir: Path, vectors: Path, out: Path) -> None:
-    raise NotImplementedError
+def _replay_firmware(export_dir: Path, build_dir: Path, vectors: Path, out: Path) -> Report:
+    """Build the image beside the vectors and run it; its own figures (stack, instructions) join the report."""
+    image = build_firmware(export_dir, vectors.with_name("firmware"), model_prefix(export_dir))
+    figures = run_firmware(image, vectors, out)
+    return {name: value for name, value in figures.items() if name not in ("samples", "refused")}
 
 
 # --- comparison -----------------------------------------------------------------------------------------------------
@@ -271,6 +278,8 @@ ROWS = (
     ("gate_abs_max", "gate", "{:.2e}"),
     ("decisions_different", "other decisions", "{:d}"),
     ("refused", "refused", "{:d}"),
+    ("instructions_worst", "instructions, worst", "{:d}"),
+    ("stack_high_water_bytes", "stack, bytes", "{:d}"),
     ("float64_dx_relative_median", "dx_ht against float64, median", "{:.2e}"),
     ("float64_dx_relative_max", "dx_ht against float64, largest", "{:.2e}"),
 )
@@ -311,8 +320,9 @@ def verify(
         write_vectors(vectors, {name: samples.inputs[name] for name in INPUT_SHAPES}, exact.onnx)
         for target, replay in replays.items():
             out = Path(folder) / f"{target}.bin"
-            replay(export_dir, build_dir, vectors, out)
+            own_figures = replay(export_dir, build_dir, vectors, out)
             figures, shares = compare(read_results(out), exact)
+            figures |= own_figures
             report |= {f"{target}_{key}": value for key, value in figures.items()}
             wrong += failures(TARGETS[target], figures, shares, samples)
     report |= {"ok": not wrong, "failures": "; ".join(wrong)}
