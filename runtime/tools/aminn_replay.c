@@ -134,5 +134,7 @@ int main(int argc, char **argv)
     write_results(argv[first + 1], vectors->n, rows, statuses);
     printf("samples %u, refused %u, %.3f us per prediction\n", (unsigned)vectors->n, (unsigned)refused,
            vectors->n > 0 ? 1e6 * spent_s / vectors->n : 0.0);
+    free(rows);
+    free(statuses);
     return 0;
 }

@@ -15,7 +15,7 @@ __attribute__((noreturn, format(printf, 1, 2)))
 #endif
 void die(const char *format, ...);
 
-/* Whole file in memory that malloc aligned; *size is set. */
+/* Whole file in memory that malloc aligned, kept until the program ends; *size is set. */
 void *read_file(const char *path, size_t *size);
 
 /* Header of a checked vector file; the samples lie behind it. */

@@ -1,4 +1,4 @@
-"""Build the firmware image with an exported model and run it in qemu: Cortex-M7, board mps2-an500, no hardware needed."""
+"""Build the firmware image with an exported model and run it in qemu (Cortex-M7, board mps2-an500)."""
 
 from __future__ import annotations
 
@@ -43,6 +43,8 @@ def build_firmware(model_dir: Path | str, build_dir: Path | str, model: str = "a
     allocator. Raises AminnError if a program is missing or the build fails.
     """
     _program(COMPILER)
+    if not SOURCE.is_dir():
+        raise AminnError(f"{SOURCE}: not there; the firmware is built from a checkout of the repository")
     build_dir, model_dir = Path(build_dir).resolve(), Path(model_dir).resolve()
     if not (model_dir / f"{model}.c").is_file():
         raise AminnError(f"{model_dir}: no {model}.c; run aminn export")
