@@ -36,7 +36,7 @@ class SimulationConfig:
     friction_max: float = 1.0
     """Greatest Coulomb friction."""
     pinch_force_min_N: float = 3.0
-    """Least force of the thumb on the tool; log-uniform up to `pinch_force_max_N`. The fingers share the opposite force."""
+    """Least force of the thumb on the tool; log-uniform up to `pinch_force_max_N`. The fingers share the reaction."""
     pinch_force_max_N: float = 9.0
     """Greatest force of the thumb."""
 
@@ -87,9 +87,9 @@ class SimulationConfig:
     rotation_max_rad: float = 0.35
     """Bound on the tool's rotation in the hand at any time."""
     stop_factor: float = 2.0
-    """A case stops where motion passes its bound by this factor: so far a bound may be raised without simulating anew."""
+    """A case stops where it passes a bound by this factor; up to there a bound can be raised without simulating."""
     tool_left_m: float = 0.05
-    """A tool that moved further has left the hand."""
+    """A tool that moved further, or that no fingertip touches any more, has left the hand."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "families", tuple(self.families))

@@ -42,14 +42,14 @@ SAMPLE_FIELDS: dict[str, Field] = {
     "max_rotation_rad": Field((), "rad", "H", "largest rotation at any time; bound rotation_max_rad"),
     "drift_m_s": Field((), "m/s", "H", "speed over the last window, rotation times 0.1 m added; bound drift_max_m_s"),
     "contact_lost": Field((), "1", "", "a contact was open for longer than lost_contact_s", _FLAG),
-    "tool_left": Field((), "1", "", "the tool moved further than tool_left_m", _FLAG),
+    "tool_left": Field((), "1", "", "no fingertip touched the tool, or it moved further than tool_left_m", _FLAG),
     "settled": Field((), "1", "", "drift fell below its bound", _FLAG),
     "other_contact": Field((), "1", "", "the tool touched something other than a fingertip", _FLAG),
     "creep_rate_m_s": Field(
         (), "m/s", "H", "mean speed of the tool's origin from half-way through the hold to the end"
     ),
     "worst_penetration_m": Field((), "m", "", "deepest penetration at any time"),
-    "solver_residual": Field((), "1", "", "scaled gradient at which the constraint solver stopped in the last step"),
+    "solver_residual": Field((), "1", "", "scaled change of cost in the constraint solver's last iteration"),
     "hold_time_s": Field((), "s", "", "time at full load; shorter than hold_s where the case was stopped as lost"),
 }
 

@@ -42,8 +42,11 @@ def model_folder() -> Path:
 
 
 def load_simulator() -> _core.Simulator:
-    """The compiled hand and tool."""
-    return _core.Simulator(str(model_folder() / "scene.xml"))
+    """The compiled hand and tool. Raises SimulationError with the parser's message if the model files are damaged."""
+    try:
+        return _core.Simulator(str(model_folder() / "scene.xml"))
+    except _core.MujocoError as error:
+        raise SimulationError(f"the hand's model cannot be used: {error}") from error
 
 
 def config_sha256(config: SimulationConfig) -> str:
@@ -184,7 +187,12 @@ def _simulate_shard(
         )
     except RuntimeError as error:
         raise SimulationError(f"shard {number}: {error}") from error
-    attributes = {"schema_version": SCHEMA_VERSION, "config_sha256": digest, "shard": number, "n_grasps": grasps}
+    attributes: dict[str, int | str] = {
+        "schema_version": SCHEMA_VERSION,
+        "config_sha256": digest,
+        "shard": number,
+        "n_grasps": grasps,
+    }
     write_shard(path, result["samples"], result["grasps"], attributes)
 
 

@@ -28,6 +28,13 @@ int count_warnings(const mjData &d)
     return n;
 }
 
+// Scaled change of cost in the solver's last iteration: the friction iterations (noslip) come after Newton's.
+double solver_residual(const mjData &d)
+{
+    const int last = std::min(d.solver_iter, static_cast<int>(mjNSOLVER)) - 1;
+    return last >= 0 ? std::abs(d.solver[last].improvement) : 0;
+}
+
 int steps(double seconds, double dt)
 {
     return static_cast<int>(std::lround(seconds / dt));
@@ -107,7 +114,7 @@ std::array<double, kTendons> GraspWorker::tensions() const
 {
     std::array<double, kTendons> t;
     for (int i = 0; i < kTendons; ++i)
-        t[i] = -data_->actuator_force[hand_.tendons[i].actuator];
+        t[i] = 0.0 - data_->actuator_force[hand_.tendons[i].actuator]; // slack is +0
     return t;
 }
 
@@ -402,11 +409,12 @@ struct Watch {
             lost_steps[b] = had[b].in_contact && !c.branch[b].in_contact ? lost_steps[b] + 1 : 0;
             result.contact_lost |= lost_steps[b] > lost_limit;
         }
+        const bool touched = c.count[0] + c.count[1] + c.count[2] > 0;
         const double moved = (now.p - before.p).norm();
         const double turned = rotation_vector(now.R * before.R.transpose()).norm();
         result.max_translation_m = std::max(result.max_translation_m, moved);
         result.max_rotation_rad = std::max(result.max_rotation_rad, turned);
-        result.tool_left |= moved > options.tool_left_m;
+        result.tool_left |= moved > options.tool_left_m || (result.contact_lost && !touched);
         return result.contact_lost || result.tool_left || moved > options.stop_factor * options.translation_max_m ||
                turned > options.stop_factor * options.rotation_max_rad;
     }
@@ -478,8 +486,7 @@ CaseResult GraspWorker::load(const Wrench &w)
         result.reason = Reason::diverged;
         return result;
     }
-    const int iterations = std::min(data_->solver_iter, static_cast<int>(mjNSOLVER));
-    result.solver_residual = iterations > 0 ? data_->solver[iterations - 1].gradient : 0;
+    result.solver_residual = solver_residual(*data_);
     refresh();
     const Pose after = hand_.tool_in_palm(*data_);
     if (!lost && !result.settled) { // the last window of the extension
@@ -488,6 +495,8 @@ CaseResult GraspWorker::load(const Wrench &w)
     }
     result.hold_time_s = std::max(0, n - ramp) * dt;
     result.dx = displacement(before, after);
+    result.max_translation_m = std::max(result.max_translation_m, result.dx.head<3>().norm());
+    result.max_rotation_rad = std::max(result.max_rotation_rad, result.dx.tail<3>().norm());
     result.dx_early = early_taken ? displacement(before, early) : result.dx;
     const double creep_time = (n - ramp - hold / 2) * dt;
     if (early_taken && creep_time > 0)

@@ -1,0 +1,159 @@
+"""Shards, manifest, resuming: what is on disk after a simulation, and after one that was cut off."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from small_data import SMALL
+
+from aminn_sim import SimulationConfig, SimulationError, _core, simulate
+from aminn_sim.fidelity import read_arrays
+from aminn_sim.schema import GRASP_FIELDS, SAMPLE_FIELDS
+from aminn_sim.simulate import file_sha256, shard_name
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Bytes of every file of a folder."""
+    return {p.name: p.read_bytes() for p in sorted(folder.iterdir())}
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_bytes_do_not_depend_on_the_number_of_threads(dataset_dir: Path, tmp_path: Path, threads: int) -> None:
+    simulate(SimulationConfig(**SMALL), tmp_path / "data", threads=threads, progress=False)
+    assert contents(tmp_path / "data") == contents(dataset_dir)
+
+
+def test_a_shard_does_not_depend_on_the_others(dataset_dir: Path, tmp_path: Path) -> None:
+    longer = SimulationConfig(**SMALL | {"grasps": 8})
+    shutil.copytree(dataset_dir, tmp_path / "data")
+    simulate(longer, tmp_path / "data", threads=2, progress=False)
+    first = shard_name(0)
+    assert (tmp_path / "data" / first).read_bytes() == (dataset_dir / first).read_bytes()
+    with h5py.File(dataset_dir / shard_name(1)) as short, h5py.File(tmp_path / "data" / shard_name(1)) as full:
+        n = len(short["samples/w_e"])
+        assert n == 2 * SMALL["cases"] and len(full["samples/w_e"]) == 4 * SMALL["cases"]
+        for name in SAMPLE_FIELDS:
+            np.testing.assert_array_equal(full["samples"][name][:n], short["samples"][name])
+
+
+def test_other_seeds_give_other_grasps(dataset_dir: Path, tmp_path: Path) -> None:
+    simulate(SimulationConfig(**SMALL | {"seed": 8}), tmp_path / "data", threads=2, progress=False)
+    ours, theirs = read_arrays(dataset_dir)[1], read_arrays(tmp_path / "data")[1]
+    assert (np.abs(ours["q"] - theirs["q"]).max(1) > 0).all()
+
+
+def test_manifest_describes_the_shards(dataset_dir: Path) -> None:
+    manifest, samples, grasps = read_arrays(dataset_dir)
+    assert manifest["schema_version"] == 1 and manifest["simulator"].startswith("MuJoCo 2.2")
+    assert manifest["n_samples"] == len(samples["stable"]) == SMALL["grasps"] * SMALL["cases"]
+    assert manifest["n_grasps"] == len(grasps["grasp_id"]) == SMALL["grasps"]
+    assert manifest["config"]["seed"] == manifest["seed"] == SMALL["seed"]
+    for shard in manifest["shards"]:
+        assert file_sha256(dataset_dir / shard["file"]) == shard["sha256"]
+    text = (dataset_dir / "manifest.json").read_text()
+    assert text == json.dumps(json.loads(text), sort_keys=True, indent=1) + "\n"
+    assert set(manifest["fields"]) == set(SAMPLE_FIELDS) | {f"grasps/{n}" for n in GRASP_FIELDS}
+    hand = manifest["hand"]
+    assert hand["branch_joints"] == [[0, 1, 2], [3, 4, 5], [-1, 6, 7]] and len(hand["tendons"]) == 6
+
+
+def test_samples_are_finite_and_consistent(dataset_dir: Path) -> None:
+    manifest, samples, grasps = read_arrays(dataset_dir)
+    for name, field in SAMPLE_FIELDS.items():
+        assert samples[name].shape[1:] == field.shape and np.isfinite(samples[name]).all(), name
+    assert (samples["stable"] == (samples["reason"] == 0)).all()
+    stable = samples["stable"] == 1
+    assert samples["settled"][stable].all() and not samples["contact_lost"][stable].any()
+    assert (samples["max_translation_m"][stable] <= manifest["bounds"]["translation_max_m"]).all()
+    assert (np.linalg.norm(samples["dx_ht"][:, :3], axis=1) <= samples["max_translation_m"] + 1e-6).all()
+    assert (samples["contacts"][:, :, 0] == 1).all() and (samples["contacts"][:, :, 7] > 0).all()
+    np.testing.assert_allclose(np.linalg.norm(samples["contacts"][:, :, 4:7], axis=2), 1, atol=1e-9)
+    r = samples["contacts"][:, :, 1:4] - samples["x_ht"][:, None, :3]
+    turn = np.array([0.3, -0.2, 0.5])
+    np.testing.assert_allclose(samples["j_x"][..., 3:] @ turn, np.cross(turn, r), atol=1e-12)
+    assert (samples["j_q"][:, 2, :, 0] == 0).all()  # the thumb has no roll
+    assert (grasps["tendon_tension_N"] >= 0).all() and (samples["tendon_tension_after_N"] >= 0).all()
+
+
+def test_grasp_ids_are_unique_and_consecutive(dataset_dir: Path) -> None:
+    _, samples, grasps = read_arrays(dataset_dir)
+    assert grasps["grasp_id"].tolist() == list(range(SMALL["grasps"]))
+    assert np.bincount(samples["grasp_id"]).tolist() == [SMALL["cases"]] * SMALL["grasps"]
+    for i in range(1, SMALL["grasps"]):  # cases of one grasp share its state, grasps differ
+        assert (samples["q"][i * SMALL["cases"] - 1] != samples["q"][i * SMALL["cases"]]).any()
+
+
+def test_interrupted_simulation_goes_on(tmp_path: Path, dataset_dir: Path) -> None:
+    """Ctrl-C after the first shard: no half-written file, exit, and the second run ends with the same bytes."""
+    code = (
+        "import sys; from aminn_sim import SimulationConfig, simulate\n"
+        f"simulate(SimulationConfig(**{SMALL | {'grasps': 60}!r}), sys.argv[1], threads=2, progress=False)"
+    )
+    folder = tmp_path / "data"
+    process = subprocess.Popen([sys.executable, "-c", code, str(folder)], stderr=subprocess.PIPE, text=True)
+    deadline = time.monotonic() + 60
+    while not (folder / shard_name(0)).exists() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode != 0 and "KeyboardInterrupt" in errors
+    names = sorted(p.name for p in folder.iterdir())
+    assert names and all(n.endswith(".h5") for n in names) and len(names) < 15
+    before = (folder / shard_name(0)).stat().st_mtime_ns
+    simulate(SimulationConfig(**SMALL | {"grasps": 4 * len(names) + 2}), folder, threads=2, progress=False)
+    assert (folder / shard_name(0)).stat().st_mtime_ns == before
+    assert (folder / shard_name(0)).read_bytes() == (dataset_dir / shard_name(0)).read_bytes()
+
+
+def test_repeated_simulation_changes_nothing(dataset_dir: Path, tmp_path: Path) -> None:
+    shutil.copytree(dataset_dir, tmp_path / "data")
+    times = {p.name: p.stat().st_mtime_ns for p in (tmp_path / "data").glob("*.h5")}
+    simulate(SimulationConfig(**SMALL), tmp_path / "data", progress=False)
+    assert contents(tmp_path / "data") == contents(dataset_dir)
+    assert times == {p.name: p.stat().st_mtime_ns for p in (tmp_path / "data").glob("*.h5")}
+
+
+def test_progress_may_stop_the_workers(simulator: _core.Simulator) -> None:
+    def stop(done: int) -> None:
+        raise InterruptedError("enough")
+
+    start = time.monotonic()
+    with pytest.raises(InterruptedError, match="enough"):
+        simulator.shard(SimulationConfig().options(), 0, 0, 0, 200, 16, 2, [0, 1, 2], stop)
+    assert time.monotonic() - start < 5
+
+
+def test_folder_of_another_configuration_is_refused(dataset_dir: Path, tmp_path: Path) -> None:
+    shutil.copytree(dataset_dir, tmp_path / "data")
+    with pytest.raises(SimulationError, match="another configuration"):
+        simulate(SimulationConfig(**SMALL | {"cases": 5}), tmp_path / "data", progress=False)
+    assert contents(tmp_path / "data") == contents(dataset_dir)
+
+
+def test_fewer_grasps_than_there_are_is_refused(dataset_dir: Path, tmp_path: Path) -> None:
+    shutil.copytree(dataset_dir, tmp_path / "data")
+    with pytest.raises(SimulationError, match="holds 4 grasps"):
+        simulate(SimulationConfig(**SMALL | {"grasps": 3}), tmp_path / "data", progress=False)
+
+
+def test_damaged_shard_is_named(dataset_dir: Path, tmp_path: Path) -> None:
+    shutil.copytree(dataset_dir, tmp_path / "data")
+    shard = tmp_path / "data" / shard_name(1)
+    shard.write_bytes(shard.read_bytes()[:500])
+    with pytest.raises(SimulationError, match=r"shard-00001.h5: not a readable shard.*delete it"):
+        simulate(SimulationConfig(**SMALL), tmp_path / "data", progress=False)
+
+
+def test_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(SimulationError, match="cannot be made a data set folder"):
+        simulate(SimulationConfig(**SMALL), tmp_path / "file" / "data", progress=False)

@@ -1,0 +1,60 @@
+"""The configuration: one set of defaults in two languages, and clear words for what cannot be simulated."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import pytest
+
+from aminn import dims
+from aminn_sim import SimulationConfig, SimulationError, _core, simulate
+
+
+def test_defaults_are_those_of_the_compiled_part() -> None:
+    config, options = SimulationConfig(), _core.Options()
+    assert {n: getattr(config, n) for n in _core.OPTION_NAMES} == {n: getattr(options, n) for n in _core.OPTION_NAMES}
+    python_only = {"grasps", "cases", "seed", "shard_grasps", "families"}
+    assert {f.name for f in dataclasses.fields(config)} == python_only | set(_core.OPTION_NAMES)
+
+
+def test_options_carry_every_value() -> None:
+    changed = {n: getattr(SimulationConfig(), n) for n in _core.OPTION_NAMES}
+    changed |= {"force_max_N": 5.0, "grasp_attempts": 17, "rotation_max_rad": 0.2}
+    options = SimulationConfig(**changed).options()
+    assert {n: getattr(options, n) for n in _core.OPTION_NAMES} == changed
+
+
+def test_dimensions_are_those_of_the_trainer() -> None:
+    expected = (dims.N_BRANCH, dims.N_COORD, dims.N_JOINT, dims.N_CONTACT_FEATURE, dims.N_WRENCH)
+    assert expected == _core.DIMENSIONS
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"grasps": 0}, "grasps is 0, expected more than 0"),
+        ({"cases": 2.5}, "cases is 2.5, expected an integer"),
+        ({"seed": -1}, "seed is -1"),
+        ({"ramp_s": math.nan}, "ramp_s is nan, expected a finite number"),
+        ({"force_max_N": "12"}, "force_max_N is '12'"),
+        ({"families": ()}, "families are"),
+        ({"families": ("handle", "spoon")}, "expected some of handle, block, ball"),
+        ({"families": ("ball", "ball")}, "names one twice"),
+        ({"mass_min_kg": 0.3}, "mass_min_kg 0.3 is above mass_max_kg 0.2"),
+        ({"share_force_only": 0.9}, "at most 1 together"),
+        ({"drift_window_s": 0.5}, "longer than hold_s"),
+        ({"stop_factor": 0.5}, "stop_factor is 0.5"),
+    ],
+)
+def test_impossible_configurations_say_why(change: dict, message: str) -> None:
+    with pytest.raises(SimulationError) as caught:
+        SimulationConfig(**change)
+    assert message in str(caught.value)
+
+
+def test_grasps_that_never_succeed_end_with_advice(tmp_path) -> None:
+    config = SimulationConfig(grasps=2, cases=1, contact_force_min_N=100.0, grasp_attempts=3)
+    with pytest.raises(SimulationError, match=r"shard 0: grasp [01]: none of 3 attempts held the tool; widen"):
+        simulate(config, tmp_path / "data", threads=2, progress=False)
+    assert list((tmp_path / "data").iterdir()) == []
