@@ -11,7 +11,7 @@ function(run)
 endfunction()
 
 run(${CMAKE_COMMAND} -S ${SOURCE}/runtime -B ${WORK}/lib -G ${GENERATOR} -DCMAKE_C_COMPILER=${C_COMPILER}
-  -DAMINN_MAX_WIDTH=16 -DAMINN_RT_TOOLS=OFF)
+  -DAMINN_MAX_WIDTH=16 -DAMINN_RT_TOOLS=OFF -DCMAKE_BUILD_TYPE=Debug)
 run(${CMAKE_COMMAND} --build ${WORK}/lib)
 file(WRITE ${WORK}/use.c [[
 #include <stdio.h>
