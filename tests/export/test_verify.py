@@ -115,6 +115,8 @@ def test_refused_sample_is_named(exported: RandomModel, export_dir: Path, build_
     assert report["ok"] is False
     assert report["host_bin_refused"] == 1
     assert "sample 17 of v.bin" in report["failures"]
+    assert "dx_ht" not in report["failures"]  # the others are compared all the same
+    assert all(np.isfinite(v) for v in report.values() if isinstance(v, float))
 
 
 def test_limit_follows_conditioning() -> None:
@@ -128,6 +130,9 @@ def test_limit_follows_conditioning() -> None:
 def test_missing_parts_are_named(export_dir: Path, vectors: Path, build_dir: Path, copy: Path, tmp_path: Path) -> None:
     with pytest.raises(AminnError, match="aminn_replay"):
         verify(export_dir, vectors, tmp_path, echo=lambda _: None)
+    (copy / "aminn.onnx").write_bytes(b"not a model")
+    with pytest.raises(AminnError, match="cannot load"):
+        verify(copy, vectors, build_dir, echo=lambda _: None)
     (copy / "aminn.onnx").unlink()
     with pytest.raises(AminnError, match=r"aminn\.onnx"):
         verify(copy, vectors, build_dir, echo=lambda _: None)

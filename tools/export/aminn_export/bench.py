@@ -120,7 +120,7 @@ def bench(model_dir: Path, vectors: Path, build_dir: Path) -> dict[str, float | 
 
 def format_bench(report: dict[str, float | int | str]) -> str:
     """The table that the program prints."""
-    rows = [("microseconds a call", "mean", "median", "p99", "largest")]
+    rows: list[tuple[str, ...]] = [("microseconds a call", "mean", "median", "p99", "largest")]
     for text, key in (
         ("C runtime, as a controller calls it", "runtime_predict_us"),
         ("C runtime, both stages", "runtime_both_stages_us"),

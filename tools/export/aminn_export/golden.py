@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from aminn.dataset import Dataset
 from aminn.dims import INPUT_SHAPES, OUTPUT_SHAPES
+from aminn.errors import AminnError
 
 from .reference import Reference
 from .tables import Exported
@@ -20,11 +21,15 @@ CHUNK = 1024
 
 
 def single_thread_session(model: Path | bytes) -> ort.InferenceSession:
-    """An ONNX Runtime session on one CPU thread."""
+    """An ONNX Runtime session on one CPU thread. Raises AminnError if it is no model that ONNX Runtime can load."""
     options = ort.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
-    source = model if isinstance(model, bytes) else str(model)
-    return ort.InferenceSession(source, options, providers=["CPUExecutionProvider"])
+    source = model if isinstance(model, bytes) else model.read_bytes()
+    try:
+        return ort.InferenceSession(source, options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # its exceptions have no common base of their own
+        name = "ONNX model" if isinstance(model, bytes) else model
+        raise AminnError(f"{name}: ONNX Runtime cannot load it ({error})") from error
 
 
 def run_onnx(session: ort.InferenceSession, inputs: dict[str, NDArray]) -> dict[str, NDArray[np.float32]]:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
+from typing import Any
 
 import numpy as np
 import onnx
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from onnx import TensorProto, helper, numpy_helper
 
 
@@ -27,7 +28,7 @@ class GraphBuilder:
 
     def constant(self, name: str, value: ArrayLike, dtype: type = np.float32) -> str:
         """Name of an initializer with this value; equal values share the first one's name."""
-        array = np.array(value, dtype=dtype, order="C")
+        array: NDArray = np.array(value, dtype=dtype, order="C")
         key = (array.dtype.str, array.shape, array.tobytes())
         if key not in self._constants:
             self._constants[key] = self._unique(name)
@@ -38,7 +39,7 @@ class GraphBuilder:
         """An int64 constant: axes, shapes, indices."""
         return self.constant(name, value, np.int64)
 
-    def op(self, kind: str, *inputs: str, name: str, **attributes: object) -> str:
+    def op(self, kind: str, *inputs: str, name: str, **attributes: Any) -> str:
         """Append a node with one output and return that output's name (`name`, made unique)."""
         output = self._unique(name)
         self.nodes.append(helper.make_node(kind, list(inputs), [output], name=f"node_{output}", **attributes))

@@ -109,7 +109,9 @@ def _adjugate_tables() -> tuple[list[int], Array]:
     The picks are 18 left factors, 18 right factors and the first column (for the determinant); the (18, 9) matrix adds
     the products with their signs. Row i of the adjugate is the cross product of the columns i+1 and i+2.
     """
-    left, right, signs = [], [], np.zeros((18, 9), np.float32)
+    left: list[int] = []
+    right: list[int] = []
+    signs = np.zeros((18, 9), np.float32)
     for i in range(3):
         b, c = (i + 1) % 3, (i + 2) % 3
         for j in range(3):
@@ -134,7 +136,7 @@ class _AminnGraph:
         """A table of both stages, stacked: (2, ...)."""
         return np.stack([self.tensors[f"{stage}.{name}"] for stage in STAGES])
 
-    def slog(self, v: str, scale: Array, name: str) -> str:
+    def slog(self, v: str, scale: Array | np.float32, name: str) -> str:
         """sign(v) log(1 + |v| / scale)."""
         g = self.g
         size = g.op("Abs", v, name=f"{name}_abs")
