@@ -117,7 +117,7 @@ def write_dataset(path: Path, grasps: int = 60, cases: int = 8, seed: int = 0) -
         for name, values in rows.items():
             file[f"samples/{name}"] = np.stack(values)
         file["grasps/grasp_id"] = np.arange(grasps)
+    shard = {"file": "shard-00000.h5", "n_samples": grasps * cases, "n_grasps": grasps, "sha256": "made up"}
     manifest = {"schema_version": 1, "seed": seed, "config_sha256": f"synthetic-{grasps}-{cases}-{seed}", "hand": h,
-                "shards": [{"file": "shard-00000.h5", "n_samples": grasps * cases, "n_grasps": grasps}],
-                "n_samples": grasps * cases, "n_grasps": grasps}  # fmt: skip
+                "shards": [shard], "n_samples": grasps * cases, "n_grasps": grasps}  # fmt: skip
     (path / "manifest.json").write_text(json.dumps(manifest))

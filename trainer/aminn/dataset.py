@@ -54,6 +54,12 @@ class Dataset:
             raise AminnError(f"split {name!r} is unknown; there are {', '.join(SPLITS)}")
         return self.take(split_of(self.samples["grasp_id"]) == SPLITS.index(name))
 
+    @property
+    def sha256(self) -> str:
+        """Identity of the data: of the configuration and of every shard."""
+        content = self.manifest["config_sha256"] + "".join(shard["sha256"] for shard in self.manifest["shards"])
+        return hashlib.sha256(content.encode()).hexdigest()
+
     def inputs(self, dtype: torch.dtype = torch.float32) -> dict[str, torch.Tensor]:
         """Model inputs as tensors."""
         return {k: torch.as_tensor(self.samples[k]).to(dtype) for k in INPUT_SHAPES}

@@ -92,7 +92,11 @@ def label_figures(data: Dataset) -> dict[str, float]:
 
 
 def evaluate(checkpoints: list[Checkpoint], dataset: Dataset, split: str = "test") -> Evaluation:
-    """Figures on one split of `dataset`. Raises AminnError if a checkpoint was trained on other data than this."""
+    """Figures on one split of `dataset`.
+
+    Raises AminnError if a checkpoint was trained on data of another configuration. More grasps of the same one are
+    welcome: they do not move between splits.
+    """
     for checkpoint in checkpoints:
         if checkpoint.meta["data_config_sha256"] != dataset.manifest["config_sha256"]:
             raise AminnError(

@@ -28,7 +28,7 @@ DQ0_KINDS = ("statics", "inverse")
 class MechanicsConfig:
     """Constants of the layer."""
 
-    eps_m: float = 1e-4
+    eps_m: float = 1e-5
     """Isotropic contact compliance added to every branch, m/N. It also bounds the conditioning in float32."""
     eps_kx: float = 1e-3
     """Stiffness added to the diagonal of K_x: N/m for translation, N.m/rad for rotation."""

@@ -178,8 +178,9 @@ class Stage1(nn.Module):
     def fit_normalisers(self, x: dict[str, Tensor]) -> None:
         self.backbone.fit_normalisers(x)
         with torch.no_grad():
-            self.aux_norm.fit(self._aux(self.backbone.nominal_response(x)))
-            # The gates of the untrained model hardly vary: centre and scale them by their range instead.
+            # Centred on the nominal hand. Logarithms keep their scale: a stiffness that hardly varies over the data would
+            # be magnified, and its rounding error with it. Gates are scaled by their range.
+            self.aux_norm.mean.copy_(self._aux(self.backbone.nominal_response(x)).mean(0))
             self.aux_norm.mean[-N_BRANCH:] = 0.5
             self.aux_norm.inv_std[-N_BRANCH:] = 2.0
 

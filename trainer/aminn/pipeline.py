@@ -5,7 +5,6 @@ The other packages are imported where they are used: who trains needs no exporte
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .checkpoint import Checkpoint
+from .errors import AminnError
 from .evaluate import Evaluation, truth
 from .metrics import pose_size, signed_work
 
@@ -24,16 +24,19 @@ def run_simulation(
     out: Path, grasps: int, cases: int, seed: int, threads: int | None, shard_grasps: int | None
 ) -> dict:
     """Simulate a data set into folder `out`, or go on with an unfinished one; returns its manifest."""
-    from aminn_sim import SimulationConfig, simulate
+    from aminn_sim import SimulationConfig, SimulationError, simulate
 
     settings = {"grasps": grasps, "cases": cases, "seed": seed}
     if shard_grasps is not None:
         settings["shard_grasps"] = shard_grasps
-    return simulate(SimulationConfig(**settings), out, threads=threads or os.cpu_count() or 1)
+    try:
+        return simulate(SimulationConfig(**settings), out, threads=threads or 0)
+    except SimulationError as error:
+        raise AminnError(str(error)) from error
 
 
 def run_export(run: Path, data: Path, out: Path, prefix: str = "aminn_model") -> list[str]:
-    """Export the checkpoint in folder `run` into folder `out`; golden vectors come from `data`. A line for each file."""
+    """Export the checkpoint in folder `run` to `out`, golden vectors drawn from `data`; returns a line for each file."""
     from aminn_export.export import export
 
     return export(run, out, prefix, data)

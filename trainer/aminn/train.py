@@ -250,7 +250,7 @@ def _finished(out: Path, run: _Run) -> Checkpoint | None:
     if not (out / META).is_file():
         return None
     checkpoint = load_checkpoint(out)
-    identity = {"config": checkpoint.meta["train"], "data_sha256": checkpoint.meta["data_config_sha256"]}
+    identity = {"config": checkpoint.meta["train"], "data_sha256": checkpoint.meta["data_sha256"]}
     if identity != run.identity:
         raise AminnError(
             f"{out}: holds a model of another configuration or data set; remove the folder or give another one"
@@ -267,8 +267,7 @@ def train(config: TrainConfig, dataset: Dataset, out: Path, bar_position: int = 
     parts = {name: dataset.split(name) for name in ("train", "validation")}
     _check_parts(parts)
     out.mkdir(parents=True, exist_ok=True)
-    data_sha256 = dataset.manifest["config_sha256"]
-    run = _Run(out, config, data_sha256)
+    run = _Run(out, config, dataset.sha256)
     finished = _finished(out, run)
     if finished is not None:
         return finished
@@ -292,7 +291,8 @@ def train(config: TrainConfig, dataset: Dataset, out: Path, bar_position: int = 
         "seed": config.seed,
         "train": asdict(config),
         "history": progress["history"],
-        "data_config_sha256": data_sha256,
+        "data_sha256": dataset.sha256,
+        "data_config_sha256": dataset.manifest["config_sha256"],
         "n_parameters": sum(p.numel() for p in model.parameters()),
     }
     save_checkpoint(out, model, meta)
