@@ -87,7 +87,8 @@ class Reference:
         _, dx0, dq0 = self._pass(stage, springs["k_spring"], x)
         if self.meta["dq0"] == "inverse":
             regular = x["j_q"] + pair_of(self.meta["eps_jq"])[stage] * np.eye(3)
-            dq0 = -np.linalg.solve(regular, x["j_x"] @ dx0[:, None, :, None])[..., 0]
+            motion = x["j_x"] @ dx0[:, None, :, None]  # (N, 3, 3, 1)
+            dq0 = np.asarray(-np.linalg.solve(regular, motion)[..., 0], np.float64)
         dq0 = dq0 * self.t["coord_mask"] * x["contacts"][..., :1]
         d = springs["tendon_dir"]
         alpha, beta, rho = np.moveaxis(springs["gate_params"], -1, 0)
