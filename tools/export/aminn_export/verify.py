@@ -308,7 +308,8 @@ def format_report(report: Report) -> str:
     rows = [["largest differences from ONNX Runtime", *(TARGETS.get(t, "ONNX itself") for t in targets)]]
     for key, text, form in ROWS:
         values = [report.get(f"{t}_{key}") for t in targets]
-        rows.append([text, *("-" if v is None else form.format(v) for v in values)])
+        if any(v is not None for v in values):
+            rows.append([text, *("-" if v is None else form.format(v) for v in values)])
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     return "\n".join("  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows)
 
