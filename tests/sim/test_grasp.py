@@ -64,6 +64,26 @@ def test_joint_side_of_the_closure(sessions: dict[str, _core.Session], family: s
         assert (engine[:, others] == 0).all()
 
 
+def rotation(axis: np.ndarray, angle: float) -> np.ndarray:
+    k = np.cross(np.eye(3), axis)
+    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_geometry_of_the_manifest_gives_the_closure(
+    simulator: _core.Simulator, sessions: dict[str, _core.Session], family: str
+) -> None:
+    """Who has q, the contacts and `hand` alone (the runtime) finds the same j_q."""
+    hand, grasp = {k: np.array(v) for k, v in simulator.hand().items() if k != "tendons"}, state(sessions[family])
+    for b, joints in enumerate(BRANCH_JOINTS):
+        axes, (roll, proximal, _) = hand["axis"][b], (grasp["q"][j] if j >= 0 else 0.0 for j in joints)
+        r1, r2 = rotation(axes[0], roll), rotation(axes[1], proximal)
+        s = grasp["contacts"][b, 1:4] - hand["base_m"][b]
+        a = r1 @ r2 @ hand["link_a_m"][b]
+        columns = [np.cross(axes[0], s), np.cross(r1 @ axes[1], s), np.cross(r1 @ r2 @ axes[2], s - a)]
+        np.testing.assert_allclose(-np.stack(columns, 1), grasp["j_q"][b], atol=1e-12)
+
+
 @pytest.mark.parametrize("family", FAMILIES)
 def test_tool_side_of_the_closure(sessions: dict[str, _core.Session], family: str) -> None:
     session, grasp = sessions[family], state(sessions[family])
