@@ -37,8 +37,8 @@ struct Root {
     Mat<N, 1> inv_diag; // 1 / R_jj
 };
 
-// R with R^T R = V^T V by modified Gram-Schmidt; V is overwritten. V^T V itself is never formed: that would square the
-// condition number, which float32 cannot afford here (docs/runtime.md has the measured difference).
+// R with R^T R = V^T V by modified Gram-Schmidt; V is overwritten with Q, V = Q R. V^T V itself is never formed: that
+// would square the condition number, which float32 cannot afford here (docs/runtime.md has the measured difference).
 template <int M, int N>
 inline Root<N> gram_schmidt(Mat<M, N> &v)
 {
@@ -80,6 +80,17 @@ inline void solve_backward(const Root<N> &root, Mat<N, 1> &x)
         }
         x(i) *= root.inv_diag(i);
     }
+}
+
+// Q t for the Q of gram_schmidt, so ordered that Q's rounded orthogonality does not matter (Bjorck)
+template <int M, int N>
+inline Mat<M, 1> apply_q(const Mat<M, N> &q, const Mat<N, 1> &t)
+{
+    Mat<M, 1> z = Mat<M, 1>::Zero();
+    for (int j = N - 1; j >= 0; --j) {
+        z += (t(j) - q.col(j).dot(z)) * q.col(j);
+    }
+    return z;
 }
 
 // inverse of a 3x3 matrix by cofactors

@@ -9,6 +9,9 @@
 //   M_b = R_M^T R_M     R_M from [ G ; sqrt(eps_m) I ]       Y = R_M^-T A,  A^T M^-1 A = Y^T Y
 //   K_x = R_X^T R_X     R_X from V = [ sqrt(c_b) Y_b ; sqrt(eps_kx) I ]
 //
+// With V = Q R_X the strain of the stacked springs is V x = Q R_X^-T w, without the cancellation that Y x has when the
+// tool moves far in a soft direction; the deflection of the joints follows from it.
+//
 // Forming K_x would lose half of float32's digits: its stiffest direction is 1/eps_m, its softest the springs'. All on
 // lengths divided by length_scale (S = diag(1, 1, 1, 1/L, 1/L, 1/L)).
 #include "parts.hpp"
@@ -24,11 +27,11 @@ using Stacked = Mat<kRows, 6>;
 
 struct Pass {
     Root<3> r_k[kBranch];
-    Root<3> r_m[kBranch];
-    Mat3 g[kBranch];
-    Mat<3, 6> y[kBranch];
-    Stacked v; // V^T V is the scaled stiffness
-    Vec6 x_s;  // scaled displacement
+    Mat3 q_m[kBranch]; // G R_M^-1
+    Stacked v;         // V^T V is the scaled stiffness
+    Stacked q;         // V = Q R_X
+    Vec6 t;            // R_X^-T w
+    Vec6 x_s;          // scaled displacement
 };
 
 Root<3> root_of_cholesky(const Mat3 &l)
@@ -48,17 +51,19 @@ Root<3> root_with_tendon(const Mat3 &l, const Vec3 &d, float gain)
     return gram_schmidt(stacked);
 }
 
-// one branch: joints and contact compliance in series, seen from the contact
-void solve_branch(const Scene &scene, int b, float root_eps_m, Pass &p)
+// one branch: joints and contact compliance in series, seen from the contact; returns Y
+Mat<3, 6> solve_branch(const Scene &scene, int b, float root_eps_m, Pass &p)
 {
-    p.g[b] = scene.b_t[b];
-    solve_forward(p.r_k[b], p.g[b]);
+    Mat3 g = scene.b_t[b];
+    solve_forward(p.r_k[b], g);
     Mat<6, 3> stacked;
-    stacked.topRows<3>() = p.g[b];
+    stacked.topRows<3>() = g;
     stacked.bottomRows<3>() = root_eps_m * Mat3::Identity();
-    p.r_m[b] = gram_schmidt(stacked);
-    p.y[b] = scene.a_s[b];
-    solve_forward(p.r_m[b], p.y[b]);
+    const Root<3> r_m = gram_schmidt(stacked);
+    p.q_m[b] = stacked.topRows<3>();
+    Mat<3, 6> y = scene.a_s[b];
+    solve_forward(r_m, y);
+    return y;
 }
 
 // branches in parallel; p.r_k is given, all else is computed
@@ -68,25 +73,23 @@ void solve_pass(const Scene &scene, float length_scale, float eps_m, float eps_k
     const float root_eps_kx = std::sqrt(eps_kx);
     p.v.setZero();
     for (int b = 0; b < kBranch; ++b) {
-        solve_branch(scene, b, root_eps_m, p);
-        p.v.middleRows<3>(3 * b) = scene.root_contact[b] * p.y[b];
+        p.v.middleRows<3>(3 * b) = scene.root_contact[b] * solve_branch(scene, b, root_eps_m, p);
     }
     for (int i = 0; i < 6; ++i) {
         p.v(3 * kBranch + i, i) = i < 3 ? root_eps_kx : root_eps_kx / length_scale;
     }
-    Stacked work = p.v;
-    const Root<6> r_x = gram_schmidt(work);
-    p.x_s = scene.w_s;
-    solve_forward(r_x, p.x_s);
+    p.q = p.v;
+    const Root<6> r_x = gram_schmidt(p.q);
+    p.t = scene.w_s;
+    solve_forward(r_x, p.t);
+    p.x_s = p.t;
     solve_backward(r_x, p.x_s);
 }
 
-// deflection of a branch's coordinates from the change of its contact force
-Vec3 deflection_by_statics(const Pass &p, int b)
+// deflection of a branch's coordinates from its part of the strain; 0 for a branch out of contact
+Vec3 deflection_by_statics(const Scene &scene, const Pass &p, const Mat<kRows, 1> &strain, int b)
 {
-    Vec3 force = p.y[b].lazyProduct(p.x_s);
-    solve_backward(p.r_m[b], force);
-    Vec3 dq = p.g[b].lazyProduct(force);
+    Vec3 dq = p.q_m[b].lazyProduct(scene.root_contact[b] * strain.segment<3>(3 * b));
     solve_backward(p.r_k[b], dq);
     return dq;
 }
@@ -96,7 +99,7 @@ Vec3 deflection_by_inverse(const aminn_input_t &in, int b, const Vec6 &dx0, floa
 {
     const Vec3 motion = ConstMat36Map(&in.j_x[b][0][0]).lazyProduct(dx0);
     const Mat3 j_q = ConstMat3Map(&in.j_q[b][0][0]) + eps_jq * Mat3::Identity();
-    return -inverse_by_cofactors(j_q).lazyProduct(motion);
+    return -in.contacts[b][0] * inverse_by_cofactors(j_q).lazyProduct(motion);
 }
 
 Vec6 unscaled(const Vec6 &x_s, float length_scale)
@@ -134,7 +137,6 @@ Scene make_scene(const aminn_model_t &model, const aminn_input_t &in)
         scene.a_s[b] = ConstMat36Map(&in.j_x[b][0][0]);
         scene.a_s[b].rightCols<3>() *= inv_length;
         scene.b_t[b] = -ConstMat3Map(&in.j_q[b][0][0]).transpose();
-        scene.contact[b] = in.contacts[b][0];
         scene.root_contact[b] = std::sqrt(in.contacts[b][0]);
     }
     scene.w_s = ConstVec6Map(in.w_e);
@@ -157,10 +159,12 @@ StaticsSummary two_pass(const aminn_model_t &model, const aminn_stage_model_t &s
     Vec6Map(out.dx0) = dx0;
 
     // how far each tendon would be stretched decides how much it engages
+    const Mat<kRows, 1> strain = apply_q(p.q, p.t);
     for (int b = 0; b < kBranch; ++b) {
-        Vec3 dq = model.dq0 == AMINN_DQ0_STATICS ? deflection_by_statics(p, b)
-                                                 : deflection_by_inverse(in, b, dx0, stage.eps_jq);
-        dq = scene.contact[b] * dq.cwiseProduct(ConstVec3Map(model.coord_mask + 3 * b));
+        const bool statics = model.dq0 == AMINN_DQ0_STATICS;
+        Vec3 dq =
+            statics ? deflection_by_statics(scene, p, strain, b) : deflection_by_inverse(in, b, dx0, stage.eps_jq);
+        dq = dq.cwiseProduct(ConstVec3Map(model.coord_mask + 3 * b));
         Vec3Map(out.dq0[b]) = dq;
         const Vec3 &gate = springs.gate_params[b];
         out.gate[b] = sigmoid(gate(0) * (dq.dot(springs.tendon_dir[b]) - gate(1)) + gate(2));

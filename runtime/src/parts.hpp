@@ -21,8 +21,7 @@ struct Springs {
 struct Scene {
     Mat<3, 6> a_s[kBranch];      // j_x S
     Mat3 b_t[kBranch];           // B^T = -j_q^T
-    float contact[kBranch];      // flag c
-    float root_contact[kBranch]; // sqrt(c)
+    float root_contact[kBranch]; // square root of the contact flag
     Vec6 w_s;                    // S w_e
 };
 
