@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from . import _core
 from .config import SimulationConfig
 from .errors import SimulationError
+from .quality import dataset_figures, label_noise
 from .simulate import load_simulator
 
 Array = NDArray[np.float64]
@@ -236,8 +238,8 @@ def read_arrays(folder: Path) -> tuple[dict, dict[str, Array], dict[str, Array]]
 
 
 def main() -> None:
-    """`python -m aminn_sim.fidelity --data DIR --out REPORT.json`: all figures, printed and written."""
-    parser = argparse.ArgumentParser(description="Hold the statics formula against the simulation.")
+    """`python -m aminn_sim.fidelity --data DIR --out REPORT.json`: theory and data quality, printed and written."""
+    parser = argparse.ArgumentParser(description="Hold theory against simulation, and judge a data set's labels.")
     parser.add_argument("--data", type=Path, required=True, help="folder of a simulated data set")
     parser.add_argument("--out", type=Path, required=True, help="report to write (JSON)")
     parser.add_argument("--grasps", type=int, default=100, help="fresh grasps for the small loads")
@@ -245,7 +247,8 @@ def main() -> None:
     arguments = parser.parse_args()
     try:
         manifest, samples, grasps = read_arrays(arguments.data)
-        figures = fidelity(manifest["hand"], samples, grasps)
+        figures = dataset_figures(manifest, samples, grasps) | fidelity(manifest["hand"], samples, grasps)
+        figures |= label_noise(SimulationConfig(), threads=len(os.sched_getaffinity(0)))
         figures |= small_load_figures(SimulationConfig(), arguments.seed, arguments.grasps)
     except SimulationError as error:
         parser.exit(1, f"error: {error}\n")

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aminn_sim import SimulationConfig, SimulationError
+from aminn_sim import SimulationConfig, SimulationError, _core
 from aminn_sim.fidelity import TrueMechanics, fidelity, predict, read_arrays, relative_error, small_loads
+from aminn_sim.quality import dataset_figures, label_noise
 
 
 @pytest.mark.parametrize(("axis", "bound"), [("random", 0.15), ("compliant", 0.15)])
@@ -47,6 +48,20 @@ def test_formula_on_the_data_set(dataset_dir: Path) -> None:
     figures = fidelity(manifest["hand"], samples, grasps)
     assert figures["dataset_relative_error_median"] < 0.35
     assert all(np.isfinite(v) for v in figures.values())
+
+
+def test_figures_of_the_data_set(dataset_dir: Path) -> None:
+    figures = dataset_figures(*read_arrays(dataset_dir))
+    assert all(np.isfinite(v) for v in figures.values())
+    reasons = [v for k, v in figures.items() if k[6:] in _core.REASONS]
+    assert len(reasons) == 7 and abs(sum(reasons) - 1) < 1e-12
+    assert figures["negative_full_work_share"] == 0
+
+
+def test_a_longer_hold_changes_little() -> None:
+    figures = label_noise(SimulationConfig(), threads=2, grasps=4, cases=4)
+    assert figures["long_hold_labels_changed"] <= 1
+    assert figures["long_hold_relative_median"] < 0.02
 
 
 def test_folder_without_data_is_named(tmp_path: Path) -> None:
