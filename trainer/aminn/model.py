@@ -178,8 +178,8 @@ class Stage1(nn.Module):
     def fit_normalisers(self, x: dict[str, Tensor]) -> None:
         self.backbone.fit_normalisers(x)
         with torch.no_grad():
-            # Centred on the nominal hand. Logarithms keep their scale: a stiffness that hardly varies over the data would
-            # be magnified, and its rounding error with it. Gates are scaled by their range.
+            # Centred on the nominal hand. Logarithms keep their scale: a stiffness that hardly varies over the data
+            # would be magnified, and its rounding error with it. Gates are scaled by their range.
             self.aux_norm.mean.copy_(self._aux(self.backbone.nominal_response(x)).mean(0))
             self.aux_norm.mean[-N_BRANCH:] = 0.5
             self.aux_norm.inv_std[-N_BRANCH:] = 2.0

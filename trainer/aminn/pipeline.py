@@ -36,7 +36,7 @@ def run_simulation(
 
 
 def run_export(run: Path, data: Path, out: Path, prefix: str = "aminn_model") -> list[str]:
-    """Export the checkpoint in folder `run` to `out`, golden vectors drawn from `data`; returns a line for each file."""
+    """Export the checkpoint in folder `run` to `out`, golden vectors drawn from `data`; a line for each file."""
     from aminn_export.export import export
 
     return export(run, out, prefix, data)
