@@ -3,6 +3,7 @@
 #   cmake -DQEMU=qemu-system-arm -DIMAGE=aminn_firmware.elf -DMODEL=aminn_model.bin -DVECTORS=golden.bin -DWORK=dir
 #         -DCOMPARE=aminn_compare -DREPORT=firmware.json -P check.cmake
 # Paths of QEMU's semihosting command line must not hold spaces: it runs in WORK on short names.
+cmake_minimum_required(VERSION 3.22)
 file(MAKE_DIRECTORY "${WORK}")
 file(REMOVE "${WORK}/results.bin" "${REPORT}")
 configure_file("${VECTORS}" "${WORK}/vectors.bin" COPYONLY)

@@ -1,5 +1,6 @@
 # The linked image holds no allocator, no exceptions, no thread-safe statics.
 #   cmake -DNM=nm -DIMAGE=aminn_firmware.elf -P no_allocator.cmake
+cmake_minimum_required(VERSION 3.22)
 execute_process(COMMAND ${NM} -f posix ${IMAGE} OUTPUT_VARIABLE SYMBOLS RESULT_VARIABLE RESULT)
 if(NOT RESULT EQUAL 0)
   message(FATAL_ERROR "${NM} ${IMAGE}: ${RESULT}")

@@ -1,5 +1,6 @@
 # aminn_replay on the blob and on the compiled model, judged by aminn_compare.
 #   cmake -DREPLAY= -DREPLAY_MODEL= -DCOMPARE= -DGOLDEN=tests/golden -DWORK=dir -P compare_test.cmake
+cmake_minimum_required(VERSION 3.22)
 file(REMOVE_RECURSE "${WORK}")
 file(MAKE_DIRECTORY "${WORK}")
 set(MODEL "${GOLDEN}/aminn_model.bin")

@@ -1,6 +1,7 @@
 # Install the library into an empty folder, build examples/ against it with CMake and with pkg-config, run them, and
 # see a wrong version refused.
 #   cmake -DBUILD=build/host -DSOURCE=tree -DWORK=dir -DGENERATOR=Ninja -DC_COMPILER=cc -P install_test.cmake
+cmake_minimum_required(VERSION 3.22)
 set(PREFIX "${WORK}/prefix")
 file(REMOVE_RECURSE "${WORK}")
 file(MAKE_DIRECTORY "${WORK}")

@@ -1,5 +1,6 @@
 # The library with AMINN_MAX_WIDTH=16: smaller context, larger models refused, a caller compiled with another value found.
 #   cmake -DSOURCE=tree -DGENERATOR=Ninja -DC_COMPILER=cc -DWORK=dir -P max_width_test.cmake
+cmake_minimum_required(VERSION 3.22)
 file(REMOVE_RECURSE "${WORK}")
 file(MAKE_DIRECTORY "${WORK}")
 

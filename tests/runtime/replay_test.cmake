@@ -1,5 +1,6 @@
 # aminn_replay: a good run, and every kind of bad file: non-zero exit, a message that says what is wrong, no output left.
 #   cmake -DREPLAY=aminn_replay -DGOLDEN=tests/golden -DWORK=dir -P replay_test.cmake
+cmake_minimum_required(VERSION 3.22)
 file(REMOVE_RECURSE "${WORK}")
 file(MAKE_DIRECTORY "${WORK}")
 set(OUT "${WORK}/out.bin")
