@@ -40,10 +40,12 @@ void dense(const float *w, const float *b, const float *x, int n_in, int n_out, 
     }
 }
 
+// max(y, 0); NaN stays NaN, so that an overflow is found in the end
 void relu(float *y, int n)
 {
-    Array out(y, n);
-    out = out.max(0.0F);
+    for (int i = 0; i < n; ++i) {
+        y[i] = y[i] < 0.0F ? 0.0F : y[i];
+    }
 }
 
 } // namespace
