@@ -42,10 +42,10 @@ def sections(path: Path) -> dict[str, tuple[int, int, int]]:
     return {row[5].split()[0]: (int(row[0]), int(row[1]), int(row[2])) for row in rows}
 
 
-def symbol_bytes(image: Path, *words: str) -> int:
-    """Total size of the image's symbols whose name holds one of the words."""
-    rows = [line.split() for line in tool("nm", "-S", str(image)).splitlines()]
-    return sum(int(row[1], 16) for row in rows if len(row) == 4 and any(word in row[3] for word in words))
+def model_bytes(image: Path, prefix: str) -> int:
+    """Bytes of the model's tables in the image: constants whose names are the prefix or start with it."""
+    rows = [row for line in tool("nm", "-S", str(image)).splitlines() if len(row := line.split()) == 4]
+    return sum(int(size, 16) for _, size, kind, name in rows if kind in "rR" and f"{name}_".startswith(f"{prefix}_"))
 
 
 def measure(build: Path, model: str) -> dict[str, int]:
@@ -63,7 +63,7 @@ def measure(build: Path, model: str) -> dict[str, int]:
     text, data, bss = next(iter(sections(image).values()))
     report |= {"image_text_bytes": text, "image_data_bytes": data, "image_bss_bytes": bss}
     report["image_stack_reserved_bytes"] = stack_reserved(image)
-    report["model_bytes"] = symbol_bytes(image, model)
+    report["model_bytes"] = model_bytes(image, model)
     return report
 
 
