@@ -95,7 +95,9 @@ def test_grasp_ids_are_unique_and_consecutive(dataset_dir: Path) -> None:
 def test_interrupted_simulation_goes_on(tmp_path: Path, dataset_dir: Path) -> None:
     """Ctrl-C after the first shard: no half-written file, exit, and the second run ends with the same bytes."""
     code = (
-        "import sys; from aminn_sim import SimulationConfig, simulate\n"
+        "import signal, sys; from aminn_sim import SimulationConfig, simulate\n"
+        # a background job of a shell inherits an ignored SIGINT
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         f"simulate(SimulationConfig(**{SMALL | {'grasps': 60}!r}), sys.argv[1], threads=2, progress=False)"
     )
     folder = tmp_path / "data"
