@@ -1,7 +1,8 @@
 """The hand's nominal mechanics as the manifest of a data set gives it, in the form of the mechanics layer.
 
-A branch has two tendons, the layer one gated tendon a branch. The tendon that crosses the distal joint becomes the
-gated one; the other is held taut: its stiffness goes into the springs. That is exact while both tendons are taut.
+A branch has two tendons, the layer one gated tendon a branch. The gated one is the proximal flexor, which loads do
+slacken; the tendon that crosses the distal joint stays taut in every stable grasp, so its stiffness goes into the
+springs. That is exact while both tendons are taut.
 """
 
 from __future__ import annotations
@@ -52,11 +53,11 @@ def nominal_from_hand(hand: dict) -> Nominal:
         tendons = _tendons_of(hand, b)
         if not tendons:
             raise AminnError(f"manifest: hand.tendons has none for branch {hand['branches'][b]}")
-        gated = max(range(len(tendons)), key=lambda i: abs(tendons[i][0][-1]))
+        gated = min(range(len(tendons)), key=lambda i: abs(tendons[i][0][-1]))
         for i, (arm, stiffness) in enumerate(tendons):
             if i == gated:
                 gains[b] = stiffness * arm @ arm
-                directions[b] = -arm / np.linalg.norm(arm)
+                directions[b] = -arm / np.linalg.norm(arm)  # a flexor is stretched where its joints extend
             else:
                 k_spring += stiffness * np.outer(arm, arm)
         chol[b] = np.linalg.cholesky(k_spring)[CHOL_ROWS, CHOL_COLS]
