@@ -84,6 +84,12 @@ size: firmware ## code, data, stack and model bytes on the Cortex-M7, with their
 	@python3 runtime/tools/size_report.py --build $(FIRMWARE) --firmware-report $(REPORTS)/firmware.json \
 	  --out $(REPORTS)/size.json
 
+.PHONY: fidelity
+fidelity: setup-python # statics with the true stiffnesses against simulation (make dataset first, or it is made)
+	@[ -f $(BUILD)/dataset/manifest.json ] || $(MAKE) --no-print-directory dataset
+	@$(PYTHON) -m aminn_sim.fidelity --data $(BUILD)/dataset --out $(REPORTS)/fidelity.json
+	@echo "Report: $(REPORTS)/fidelity.json"
+
 .PHONY: install
 install: setup-host ## the C library, header, CMake package and aminn_rt.pc (PREFIX=/usr/local)
 	@cmake --install $(HOST) --prefix $(PREFIX) >$(BUILD)/logs/install.log || { cat $(BUILD)/logs/install.log; exit 1; }
@@ -95,7 +101,8 @@ clean: ## remove build/ (data, models and reports too; .venv stays)
 
 # --- set-up ---------------------------------------------------------------------------------------------------------
 .PHONY: setup setup-host setup-host-tests setup-firmware setup-arm setup-python
-setup: setup-host-tests setup-firmware setup-python
+setup: setup-host-tests setup-firmware setup-python ## packages, .venv and compiled parts for all of these, and nothing else
+	@echo "Ready: $(VENV)/bin/aminn, $(HOST), $(FIRMWARE); packages and builds are not repeated"
 setup-host: $(STAMPS)/host
 setup-host-tests: $(STAMPS)/host-tests
 setup-arm: $(STAMPS)/apt-arm
