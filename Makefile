@@ -9,6 +9,7 @@ PREFIX  ?= /usr/local
 GRASPS  ?= 1000
 CASES   ?= 16
 SEED    ?= 0
+SEEDS   ?= 5
 THREADS ?= $(JOBS)
 # Further arguments for pip, e.g. --extra-index-url of PyTorch's CPU-only builds.
 PIP_ARGS ?=
@@ -70,6 +71,17 @@ dataset: setup-python ## simulated grasps and loads, in build/dataset (GRASPS=, 
 	  --threads $(THREADS)
 	@echo "Dataset: $(BUILD)/dataset/manifest.json"
 
+.PHONY: paper ablation
+paper: setup-python ## AMINN beside the MLP over all seeds (SEEDS=): new grasps, tool family, friction, larger loads
+ablation: setup-python ## choices of the mechanics and of the training, over all seeds (SEEDS=)
+paper ablation:
+	@$(PYTHON) -m aminn.study $@ --build $(BUILD) --seeds $(SEEDS)
+
+.PHONY: golden
+golden: demo ## the demo's model becomes the reference model in tests/golden (when the model's format changes)
+	@cp $(BUILD)/demo/export/* tests/golden/
+	@echo "Reference model: tests/golden"
+
 .PHONY: bench
 bench: setup-python setup-host ## time of one prediction, C runtime beside ONNX Runtime, on the reference model
 	@$(PYTHON) -m aminn_export.bench --model tests/golden --build $(HOST) --json $(REPORTS)/bench.json
@@ -85,7 +97,7 @@ size: firmware ## code, data, stack and model bytes on the Cortex-M7, with their
 	  --out $(REPORTS)/size.json
 
 .PHONY: fidelity
-fidelity: setup-python # statics with the true stiffnesses against simulation (make dataset first, or it is made)
+fidelity: setup-python ## the formula with the true stiffnesses against simulation; noise of the labels (GRASPS=, ...)
 	@[ -f $(BUILD)/dataset/manifest.json ] || $(MAKE) --no-print-directory dataset
 	@$(PYTHON) -m aminn_sim.fidelity --data $(BUILD)/dataset --out $(REPORTS)/fidelity.json
 	@echo "Report: $(REPORTS)/fidelity.json"

@@ -44,11 +44,25 @@ def main() -> None:
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @click.option("--threads", type=click.IntRange(1), default=None, help="Worker threads  [default: all cores]")
 @click.option("--shard-grasps", type=click.IntRange(1), default=None, help="Grasps per shard.")
-def simulate(out: Path, grasps: int, cases: int, seed: int, threads: int | None, shard_grasps: int | None) -> None:
+@click.option("--family", "families", multiple=True, help="Tool family; may be repeated.  [default: all]")
+@click.option("--friction", type=(float, float), default=None, help="Least and greatest friction.")
+def simulate(
+    out: Path,
+    grasps: int,
+    cases: int,
+    seed: int,
+    threads: int | None,
+    shard_grasps: int | None,
+    families: tuple[str, ...],
+    friction: tuple[float, float] | None,
+) -> None:
     """Simulate grasps under load and write a labelled data set."""
     from .pipeline import run_simulation
 
-    manifest = run_simulation(out, grasps, cases, seed, threads, shard_grasps)
+    settings = {"shard_grasps": shard_grasps, "families": families or None}
+    settings |= {"friction_min": friction[0], "friction_max": friction[1]} if friction else {}
+    given = {name: value for name, value in settings.items() if value is not None}
+    manifest = run_simulation(out, grasps, cases, seed, threads, **given)
     click.echo(f"{manifest['n_samples']} load cases of {manifest['n_grasps']} grasps in {out}")
 
 

@@ -104,13 +104,18 @@ def evaluate(checkpoints: list[Checkpoint], dataset: Dataset, split: str = "test
                 f"{checkpoint.meta['data_config_sha256'][:12]}, this one is {dataset.manifest['config_sha256'][:12]}); "
                 "its training grasps may stand in this split"
             )
-    data, validation = dataset.split(split), dataset.split("validation")
+    data = dataset.split(split)
     if not len(data):
         raise AminnError(f"the {split} split is empty; simulate more grasps")
+    return compare(checkpoints, data, dataset.split("validation"), split)
+
+
+def compare(checkpoints: list[Checkpoint], data: Dataset, validation: Dataset, name: str) -> Evaluation:
+    """Figures on all samples of `data`; `validation` is where the analytical model takes its bound from."""
     predictions = [learned(c, data) for c in checkpoints] + [analytical(data, validation), no_motion(data)]
     s = data.samples
     table = {p.name: all_figures(s["w_e"], s["dx_ht"], s["stable"] > 0, p.dx, p.stable) for p in predictions}
-    return Evaluation(split, table, label_figures(data), {p.name: p for p in predictions}, data)
+    return Evaluation(name, table, label_figures(data), {p.name: p for p in predictions}, data)
 
 
 def flat_report(evaluation: Evaluation) -> dict[str, float | str | None]:
@@ -153,7 +158,12 @@ def format_table(evaluation: Evaluation) -> str:
     own = truth(evaluation)
     cells = (fmt.format(own[key]) if key in own else "-" for key, (_, fmt) in TABLE_COLUMNS.items())
     rows.append(["ground truth", *cells])
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    return format_columns(rows)
+
+
+def format_columns(rows: list[list[str]]) -> str:
+    """Rows of cells, the first of them headings, as text; the first column is flush left, the others right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows]
     return "\n".join([lines[0], "-" * len(lines[0]), *lines[1:]])
 

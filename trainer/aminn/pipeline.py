@@ -21,16 +21,17 @@ if TYPE_CHECKING:
 
 
 def run_simulation(
-    out: Path, grasps: int, cases: int, seed: int, threads: int | None, shard_grasps: int | None
+    out: Path, grasps: int, cases: int, seed: int, threads: int | None = None, **settings: object
 ) -> dict:
-    """Simulate a data set into folder `out`, or go on with an unfinished one; returns its manifest."""
+    """Simulate a data set into folder `out`, or go on with an unfinished one; returns its manifest.
+
+    `settings` are further fields of `aminn_sim.SimulationConfig`.
+    """
     from aminn_sim import SimulationConfig, SimulationError, simulate
 
-    settings = {"grasps": grasps, "cases": cases, "seed": seed}
-    if shard_grasps is not None:
-        settings["shard_grasps"] = shard_grasps
     try:
-        return simulate(SimulationConfig(**settings), out, threads=threads or 0)
+        config = SimulationConfig(grasps=grasps, cases=cases, seed=seed, **settings)
+        return simulate(config, out, threads=threads or 0)
     except SimulationError as error:
         raise AminnError(str(error)) from error
 
