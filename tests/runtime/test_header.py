@@ -29,10 +29,10 @@ def test_dimensions() -> None:
 
 
 def test_network_dimensions() -> None:
-    assert macro("AMINN_N_CONTACT_INPUT") == layout.N_CONTACT_INPUT
-    assert macro("AMINN_N_GLOBAL_INPUT") == layout.N_GLOBAL_INPUT
-    assert macro("AMINN_N_HEAD") == layout.N_HEAD
-    assert macro("AMINN_N_AUX") == layout.N_AUX
+    assert macro("AMINN_N_CONTACT_INPUT") == dims.N_CONTACT_INPUT
+    assert macro("AMINN_N_GLOBAL_INPUT") == dims.N_GLOBAL_INPUT
+    assert macro("AMINN_N_HEAD") == dims.N_HEAD
+    assert macro("AMINN_N_AUX") == dims.N_AUX
     assert macro("AMINN_FORMAT_VERSION") == layout.FORMAT_VERSION
 
 

@@ -9,10 +9,8 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from .dims import N_BRANCH, N_WRENCH
+from .dims import N_BRANCH, N_CONTACT_INPUT, N_GLOBAL_INPUT, N_WRENCH
 from .model import (
-    N_CONTACT_INPUT,
-    N_GLOBAL_INPUT,
     ModelConfig,
     Normaliser,
     Stage1,

@@ -24,6 +24,14 @@ N_JOINT = len(JOINTS)
 N_WRENCH = 6
 N_CONTACT_FEATURE = 8  # in contact, position (3), normal (3), normal force
 
+# What the networks see and give.
+N_BRANCH_FEATURE = N_CONTACT_FEATURE + 3 * N_COORD  # contact row and the branch's block of J_q
+N_CONTACT_INPUT = N_BRANCH * N_BRANCH_FEATURE
+N_GLOBAL_INPUT = N_JOINT + 3 * N_WRENCH  # q, x_ht, w_e, w_e in signed logarithm
+N_BRANCH_HEAD = 13  # 3 + 3 of the Cholesky factor, 3 direction, gain, alpha, beta, rho
+N_HEAD = N_BRANCH * N_BRANCH_HEAD
+N_AUX = 2 * N_WRENCH + N_BRANCH  # what stage 1's classifier sees of the statics: motion, diagonal of K_x, gates
+
 # Length that makes rotations comparable with translations, in the 6x6 solve and in every pose error (m).
 LENGTH_SCALE_M = 0.1
 

@@ -13,15 +13,9 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from .dims import N_BRANCH, N_CONTACT_FEATURE, N_COORD, N_JOINT, N_WRENCH
+from .dims import N_AUX, N_BRANCH, N_BRANCH_HEAD, N_CONTACT_INPUT, N_GLOBAL_INPUT, N_HEAD
 from .mechanics import MechanicsConfig, Response, Springs, length_scaling, two_pass
 from .nominal import CHOL_COLS, CHOL_ROWS, Nominal
-
-N_BRANCH_FEATURE = N_CONTACT_FEATURE + 3 * N_COORD  # contact row and the branch's block of J_q
-N_CONTACT_INPUT = N_BRANCH * N_BRANCH_FEATURE
-N_GLOBAL_INPUT = N_JOINT + 3 * N_WRENCH  # q, x_ht, w_e, w_e in signed logarithm
-N_HEAD = 13  # per branch: 3 + 3 of the Cholesky factor, 3 direction, gain, alpha, beta, rho
-N_AUX = 2 * N_WRENCH + N_BRANCH  # what stage 1's classifier sees of the statics: motion, diagonal of K_x, gates
 
 
 @dataclass(frozen=True)
@@ -95,7 +89,7 @@ class Backbone(nn.Module):
         self.contact = nn.Linear(N_CONTACT_INPUT, config.contact_width)
         self.trunk1 = nn.Linear(config.contact_width + N_GLOBAL_INPUT, config.width)
         self.trunk2 = nn.Linear(config.width, config.width)
-        self.head = nn.Linear(config.width, N_BRANCH * N_HEAD)
+        self.head = nn.Linear(config.width, N_HEAD)
         nn.init.zeros_(self.head.bias)
         self.head.weight.data.mul_(0.1)  # start close to the nominal hand
         constants = {
@@ -128,7 +122,7 @@ class Backbone(nn.Module):
 
     def springs_from_head(self, y: Tensor) -> Springs:
         """Springs and tendons from raw head outputs y (N, 39); zeros give the nominal hand."""
-        y = y.unflatten(-1, (N_BRANCH, N_HEAD))
+        y = y.unflatten(-1, (N_BRANCH, N_BRANCH_HEAD))
         ld, lo, d, k, al, be, rh = y.split([3, 3, 3, 1, 1, 1, 1], -1)
         mask, r = self.coord_mask, self.config.log_range
         nom_diag, nom_off = self.chol_nom[:, :3], self.chol_nom[:, 3:]
@@ -160,7 +154,7 @@ class Backbone(nn.Module):
 
     def nominal_response(self, x: dict[str, Tensor]) -> Response:
         """The analytical model: nominal springs, tendons taut, nothing learned. Raw head outputs are all zero."""
-        y = x["q"].new_zeros(x["q"].shape[0], N_BRANCH * N_HEAD)
+        y = x["q"].new_zeros(x["q"].shape[0], N_HEAD)
         return self.respond(self.springs_from_head(y), x)
 
 

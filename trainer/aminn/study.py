@@ -73,7 +73,7 @@ COLUMNS = {
 def _simulate(folder: Path, names: list[str], seed: int) -> dict[str, Dataset]:
     for k, name in enumerate(names):
         grasps, settings = DATA[name]
-        run_simulation(folder / "data" / name, grasps, CASES, seed + k, None, None, **settings)
+        run_simulation(folder / "data" / name, grasps, CASES, seed + k, **settings)
     return {name: load_dataset(folder / "data" / name) for name in names}
 
 

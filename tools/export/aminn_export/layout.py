@@ -11,17 +11,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from aminn.dims import BRANCH_JOINTS, N_BRANCH, N_CONTACT_FEATURE, N_COORD, N_JOINT, N_WRENCH
+from aminn.dims import BRANCH_JOINTS, N_AUX, N_BRANCH, N_CONTACT_INPUT, N_COORD, N_GLOBAL_INPUT, N_HEAD, N_WRENCH
 from aminn.errors import AminnError
 
 from .tables import STAGES, Exported, pair_of
 
 FORMAT_VERSION = 1
 DQ0_CODES = {"statics": 0, "inverse": 1}
-N_CONTACT_INPUT = N_BRANCH * (N_CONTACT_FEATURE + 3 * N_COORD)
-N_GLOBAL_INPUT = N_JOINT + 3 * N_WRENCH
-N_HEAD = N_BRANCH * 13
-N_AUX = 2 * N_WRENCH + N_BRANCH
 SHA256_HEX_DIGITS = 64
 SCALARS = ("length_scale", "log_range", "displacement_log_scale", "tau")
 STAGE_SCALARS = ("eps_m", "eps_kx", "eps_jq")

@@ -23,7 +23,7 @@ from aminn.dims import (
     JOINTS,
     N_BRANCH,
     N_CONTACT_FEATURE,
-    N_COORD,
+    N_CONTACT_INPUT,
     N_WRENCH,
     OUTPUT_SHAPES,
 )
@@ -34,8 +34,6 @@ from .tables import STAGES, Exported, pair_of
 
 OPSET = 18
 IR_VERSION = 8
-N_BRANCH_INPUT = N_CONTACT_FEATURE + 3 * N_COORD  # contact row and the branch's block of j_q
-N_CONTACT_INPUT = N_BRANCH * N_BRANCH_INPUT
 # Head outputs of a branch in the model's order, and the order of this graph: what is squashed by tanh stands first.
 HEAD_ORDER = ("ld0", "ld1", "ld2", "lo10", "lo20", "lo21", "d0", "d1", "d2", "k", "al", "be", "rh")
 GRAPH_ORDER = ("ld0", "ld1", "ld2", "k", "al", "lo10", "lo20", "lo21", "d0", "d1", "d2", "be", "rh")

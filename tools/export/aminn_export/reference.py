@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from aminn.dims import N_BRANCH, N_CONTACT_FEATURE
+from aminn.dims import N_BRANCH, N_BRANCH_HEAD, N_CONTACT_FEATURE
 
 from .tables import STAGES, Exported, pair_of
 
@@ -53,7 +53,7 @@ class Reference:
     def springs(self, stage: str, f: Array) -> dict[str, Array]:
         """k_spring (N, 3, 3, 3), tendon_dir (N, 3, 3), tendon_gain (N, 3), gate_params (N, 3, 3)."""
         t, r = self.t, float(self.meta["log_range"])
-        y = (f @ t[f"{stage}.head_w"].T + t[f"{stage}.head_b"]).reshape(-1, N_BRANCH, 13)
+        y = (f @ t[f"{stage}.head_w"].T + t[f"{stage}.head_b"]).reshape(-1, N_BRANCH, N_BRANCH_HEAD)
         nom, mask, gate_nom = t["chol_nom"], t["coord_mask"], t["gate_nom"]
         chol = np.zeros((len(y), N_BRANCH, 3, 3))
         for i in range(3):

@@ -1,0 +1,62 @@
+"""The program `aminn` as a user calls it: what it prints, where it writes, how it refuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from aminn.checkpoint import Checkpoint
+from aminn.cli import main
+
+
+def call(*args: object) -> Result:
+    return CliRunner().invoke(main, [str(a) for a in args])
+
+
+def test_help_names_every_command() -> None:
+    result = call("--help")
+    assert result.exit_code == 0
+    for command in ("simulate", "train", "evaluate", "export", "verify", "report"):
+        assert command in result.output
+        assert call(command, "--help").exit_code == 0
+
+
+def test_train_evaluate_and_report(data_dir: Path, tmp_path: Path) -> None:
+    for kind in ("aminn", "mlp"):
+        result = call("train", "--data", data_dir, "--out", tmp_path / kind, "--model", kind, "--epochs", 2)
+        assert result.exit_code == 0, result.output
+        assert "parameters" in result.output
+    runs = ("--run", tmp_path / "aminn", "--run", tmp_path / "mlp")
+    result = call("evaluate", "--data", data_dir, *runs, "--json", tmp_path / "reports" / "figures.json")
+    assert result.exit_code == 0, result.output
+    figures = json.loads((tmp_path / "reports" / "figures.json").read_text())
+    assert 0 <= figures["aminn_f1"] <= 1 and figures["aminn_passivity_violation_full"] == 0
+    assert f"{figures['mlp_f1']:.3f}" in result.output
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (("train", "--data", "{empty}", "--out", "{out}"), "no manifest.json"),
+        (("train", "--data", "{empty}/nowhere", "--out", "{out}"), "does not exist"),
+        (("train", "--data", "{data}", "--out", "{out}", "--model", "forest"), "'forest' is not one of"),
+        (("evaluate", "--data", "{data}", "--run", "{empty}"), "model.safetensors is missing"),
+        (("export", "--run", "{mlp}", "--data", "{data}", "--out", "{out}"), "no mechanics layer"),
+        (("verify", "--export", "{empty}", "--data", "{data}", "--build", "{empty}"), "aminn export"),
+        (("simulate", "--out", "{data}", "--grasps", 2, "--cases", 2), "not a readable shard"),
+        (("simulate", "--out", "{out}", "--family", "banana"), "banana"),
+    ],
+)
+def test_errors_are_one_line_for_the_user(
+    args: tuple, message: str, data_dir: Path, runs: dict[str, Checkpoint], tmp_path: Path
+) -> None:
+    (tmp_path / "empty").mkdir()
+    places = {"empty": tmp_path / "empty", "out": tmp_path / "out", "data": data_dir, "mlp": runs["mlp"].path}
+    result = call(*(str(a).format(**places) for a in args))
+    assert result.exit_code != 0
+    assert message in result.output
+    assert "Traceback" not in result.output
+    assert not (tmp_path / "out" / "manifest.json").exists()
