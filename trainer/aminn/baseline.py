@@ -11,6 +11,8 @@ from torch import Tensor, nn
 
 from .dims import N_BRANCH, N_CONTACT_INPUT, N_GLOBAL_INPUT, N_WRENCH
 from .model import (
+    CONTACT_SPREAD,
+    GLOBAL_SPREAD,
     ModelConfig,
     Normaliser,
     Stage1,
@@ -21,7 +23,8 @@ from .model import (
 from .nominal import Nominal
 
 # All that AMINN sees. The translation columns of J_x are identities times the contact flag, which is there already.
-N_INPUT = N_CONTACT_INPUT + N_GLOBAL_INPUT + N_BRANCH * 3 * 3
+LEVER_SPREAD = (0.005,) * (N_BRANCH * 3 * 3)  # m
+N_INPUT = N_CONTACT_INPUT + N_GLOBAL_INPUT + len(LEVER_SPREAD)
 
 
 def n_parameters(module: nn.Module) -> int:
@@ -59,7 +62,7 @@ class MlpStage(nn.Module):
 
     def fit_normalisers(self, x: dict[str, Tensor]) -> None:
         """Take the normalisation constants from training inputs."""
-        self.norm.fit(self.network_input(x))
+        self.norm.fit(self.network_input(x), CONTACT_SPREAD + GLOBAL_SPREAD + LEVER_SPREAD)
 
     def forward(self, x: dict[str, Tensor]) -> Tensor:
         hidden = torch.relu(self.hidden1(self.norm(self.network_input(x))))  # (N, width)

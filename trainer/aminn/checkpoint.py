@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -43,8 +44,10 @@ def write_atomically(path: Path, data: bytes) -> None:
 
 
 def write_json(path: Path, value: dict) -> None:
-    """Write a JSON file with sorted keys, atomically."""
-    write_atomically(path, (json.dumps(value, indent=1, sort_keys=True, allow_nan=False) + "\n").encode())
+    """Write a JSON file with sorted keys, atomically. A figure that is not finite becomes null: NaN is no JSON."""
+    known = {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in value.items()}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, (json.dumps(known, indent=1, sort_keys=True, allow_nan=False) + "\n").encode())
 
 
 def build_model(kind: str, config: ModelConfig, nominal: Nominal) -> Aminn | Mlp:

@@ -98,7 +98,6 @@ def evaluate(data: Path, runs: tuple[Path, ...], split: str, json_file: Path | N
     result = run([load_checkpoint(r) for r in runs], load_dataset(data), split)
     click.echo(format_table(result))
     if json_file:
-        json_file.parent.mkdir(parents=True, exist_ok=True)
         write_json(json_file, flat_report(result))
         click.echo(f"figures: {json_file}")
 
@@ -137,7 +136,6 @@ def verify(export_dir: Path, data: Path, build_dir: Path, samples: int, firmware
 
     report = run_verify(export_dir, data, build_dir, samples, firmware)
     if json_file:
-        json_file.parent.mkdir(parents=True, exist_ok=True)
         write_json(json_file, report)
         click.echo(f"differences: {json_file}")
     if not report["ok"]:

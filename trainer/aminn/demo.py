@@ -7,7 +7,6 @@ goes on where it stopped.
 from __future__ import annotations
 
 import multiprocessing
-import shutil
 import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
@@ -19,9 +18,8 @@ import click
 from .checkpoint import Checkpoint, load_checkpoint, write_json
 from .cli import Messages
 from .dataset import Dataset, load_dataset
-from .errors import AminnError
 from .evaluate import Evaluation, evaluate, flat_report, format_table, training_grasps_in
-from .pipeline import run_export, run_report, run_simulation, run_verify
+from .pipeline import anew_if_outdated, run_export, run_report, run_simulation, run_verify
 from .train import TrainConfig, train
 
 GRASPS, CASES, SEED = 640, 16, 0
@@ -43,27 +41,14 @@ class _Stopwatch:
         return result
 
 
-def _anew_if_outdated(folder: Path, work: Callable[[], T]) -> T:
-    """Do `work`, which fills the demo's own `folder`; what an earlier version of the program left is made again."""
-    existed = folder.exists()
-    try:
-        return work()
-    except AminnError as error:
-        if not existed:
-            raise
-        click.echo(f"{folder} is made again: {error}")
-        shutil.rmtree(folder)
-        return work()
-
-
 def _simulate(data: Path, grasps: int, cases: int) -> Dataset:
-    _anew_if_outdated(data, lambda: run_simulation(data, grasps, cases, SEED))
+    anew_if_outdated(data, lambda: run_simulation(data, grasps, cases, SEED))
     return load_dataset(data)
 
 
 def _train_one(kind: str, data: Path, out: Path, position: int) -> None:
     dataset = load_dataset(data)
-    _anew_if_outdated(out, lambda: train(TrainConfig(kind=kind, seed=SEED), dataset, out, bar_position=position))
+    anew_if_outdated(out, lambda: train(TrainConfig(kind=kind, seed=SEED), dataset, out, bar_position=position))
 
 
 def _train_both(data: Path, folder: Path) -> list[Checkpoint]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from .checkpoint import Checkpoint
 from .dataset import Dataset, split_of
 from .errors import AminnError
-from .metrics import all_figures, choose_tau, displacement_figures, pose_error, pose_size, violation_rate
+from .metrics import COLUMNS, all_figures, choose_tau, displacement_figures, pose_error, pose_size, violation_rate
 from .model import Backbone, ModelConfig, scaled_pose
 from .nominal import nominal_from_hand
 from .predict import predict
@@ -118,25 +118,12 @@ def compare(checkpoints: list[Checkpoint], data: Dataset, validation: Dataset, n
     return Evaluation(name, table, label_figures(data), {p.name: p for p in predictions}, data)
 
 
-def flat_report(evaluation: Evaluation) -> dict[str, float | str | None]:
-    """The evaluation as flat keys, `<model>_<figure>` and `label_<figure>`; None where there is nothing to average."""
-    report: dict[str, float | str | None] = {"split": evaluation.split}
+def flat_report(evaluation: Evaluation) -> dict[str, float | str]:
+    """The evaluation as flat keys, `<model>_<figure>` and `label_<figure>`; NaN where there is nothing to average."""
+    report: dict[str, float | str] = {"split": evaluation.split}
     for name, figures in (*evaluation.table.items(), ("label", evaluation.labels)):
-        report |= {f"{name}_{key}": value if np.isfinite(value) else None for key, value in figures.items()}
+        report |= {f"{name}_{key}": value for key, value in figures.items()}
     return report
-
-
-TABLE_COLUMNS = {
-    "f1": ("F1", "{:.3f}"),
-    "rmse_pose": ("RMSE_pose", "{:.4f}"),
-    "rmse_mm": ("mm", "{:.2f}"),
-    "rmse_deg": ("deg", "{:.2f}"),
-    "rmse_to_no_motion": ("/no motion", "{:.3f}"),
-    "relative_error_median": ("rel. median", "{:.3f}"),
-    "relative_error_p90": ("rel. p90", "{:.3f}"),
-    "passivity_violation_translational": ("f.dp<0", "{:.2%}"),
-    "passivity_violation_full": ("w.dx<0", "{:.2%}"),
-}
 
 
 def truth(evaluation: Evaluation) -> dict[str, float]:
@@ -152,20 +139,20 @@ def truth(evaluation: Evaluation) -> dict[str, float]:
 
 def format_table(evaluation: Evaluation) -> str:
     """The table that the commands print."""
-    rows = [["model", *(title for title, _ in TABLE_COLUMNS.values())]]
+    rows = [["model", *(c.title for c in COLUMNS.values())], ["", *(c.unit for c in COLUMNS.values())]]
     for name, figures in evaluation.table.items():
-        rows.append([name, *(fmt.format(figures[key]) for key, (_, fmt) in TABLE_COLUMNS.items())])
+        rows.append([name, *(c.form.format(figures[key]) for key, c in COLUMNS.items())])
     own = truth(evaluation)
-    cells = (fmt.format(own[key]) if key in own else "-" for key, (_, fmt) in TABLE_COLUMNS.items())
+    cells = (c.form.format(own[key]) if key in own else "-" for key, c in COLUMNS.items())
     rows.append(["ground truth", *cells])
     return format_columns(rows)
 
 
 def format_columns(rows: list[list[str]]) -> str:
-    """Rows of cells, the first of them headings, as text; the first column is flush left, the others right."""
+    """Rows of cells, the first two of them headings, as text; the first column is flush left, the others right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows]
-    return "\n".join([lines[0], "-" * len(lines[0]), *lines[1:]])
+    return "\n".join([*lines[:2], "-" * len(lines[0]), *lines[2:]])
 
 
 def training_grasps_in(dataset: Dataset, split: str) -> int:

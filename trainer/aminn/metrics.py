@@ -7,11 +7,36 @@ sqrt(|dp|^2 / L^2 + theta^2) with L = 0.1 m and theta the geodesic angle between
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .dims import LENGTH_SCALE_M
+
+
+class Column(NamedTuple):
+    """How the tables of models show a figure."""
+
+    title: str
+    unit: str
+    form: str
+
+
+COLUMNS: dict[str, Column] = {
+    "f1": Column("F1", "stable", "{:.3f}"),
+    "rmse_pose": Column("RMSE_pose", "1", "{:.4f}"),
+    "rmse_mm": Column("RMSE", "mm", "{:.2f}"),
+    "rmse_deg": Column("RMSE", "deg", "{:.2f}"),
+    "rmse_to_no_motion": Column("RMSE", "/ no motion", "{:.3f}"),
+    "rmse_pose_all": Column("RMSE_pose", "all stable", "{:.4f}"),
+    "relative_error_median": Column("relative", "median", "{:.3f}"),
+    "relative_error_p90": Column("relative", "p90", "{:.3f}"),
+    "passivity_violation_translational": Column("f.dp < 0", "share", "{:.2%}"),
+    "passivity_violation_full": Column("w.dx < 0", "share", "{:.2%}"),
+}
+"""Figure of `all_figures` -> column, in the order of the tables. But for the one named so, errors are over load cases
+truly and predicted stable."""
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from .dims import N_AUX, N_BRANCH, N_BRANCH_HEAD, N_CONTACT_INPUT, N_GLOBAL_INPUT, N_HEAD
+from .dims import N_AUX, N_BRANCH, N_BRANCH_HEAD, N_CONTACT_INPUT, N_GLOBAL_INPUT, N_HEAD, N_JOINT, N_WRENCH
 from .mechanics import MechanicsConfig, Response, Springs, length_scaling, two_pass
 from .nominal import CHOL_COLS, CHOL_ROWS, Nominal
 
@@ -47,20 +47,25 @@ def slog(v: Tensor, scale: Tensor | float) -> Tensor:
     return torch.sign(v) * torch.log(1 + v.abs() / scale)
 
 
+# Least spread that an input is scaled by. What hardly varies over the training data (the normals of a flat tool, say)
+# would otherwise reach tens of standard deviations on the first tool of another kind.
+_LENGTH, _NORMAL = 0.005, 0.25  # m, 1
+CONTACT_SPREAD = ((1.0,) + (_LENGTH,) * 3 + (_NORMAL,) * 3 + (0.5,) + (_LENGTH,) * 9) * N_BRANCH
+GLOBAL_SPREAD = (0.05,) * N_JOINT + ((_LENGTH,) * 3 + (0.05,) * 3) + ((0.1,) * 3 + (0.005,) * 3) + (0.1,) * N_WRENCH
+
+
 class Normaliser(nn.Module):
-    """(v - mean) / std with constants that live in the model; a column that hardly varies is only centred."""
+    """(v - mean) / std with constants that live in the model."""
 
     def __init__(self, size: int) -> None:
         super().__init__()
         self.register_buffer("mean", torch.zeros(size))
         self.register_buffer("inv_std", torch.ones(size))
 
-    def fit(self, v: Tensor) -> None:
-        """Take the constants from data (n, size)."""
-        std = v.std(0)
+    def fit(self, v: Tensor, least_spread: tuple[float, ...]) -> None:
+        """Take the constants from data (n, size); no column is scaled by less than its `least_spread`."""
         self.mean.copy_(v.mean(0))
-        varies = std > 1e-6 * (1 + v.abs().amax(0))
-        self.inv_std.copy_(torch.where(varies, 1 / std.clamp_min(1e-12), torch.ones_like(std)))
+        self.inv_std.copy_(1 / torch.maximum(v.std(0), torch.tensor(least_spread)))
 
     def forward(self, v: Tensor) -> Tensor:
         return (v - self.mean) * self.inv_std
@@ -105,8 +110,8 @@ class Backbone(nn.Module):
 
     def fit_normalisers(self, x: dict[str, Tensor]) -> None:
         """Take the normalisation constants from training inputs."""
-        self.contact_norm.fit(contact_input(x["contacts"], x["j_q"]))
-        self.global_norm.fit(global_input(x["q"], x["x_ht"], x["w_e"], self.wrench_log_scale))
+        self.contact_norm.fit(contact_input(x["contacts"], x["j_q"]), CONTACT_SPREAD)
+        self.global_norm.fit(global_input(x["q"], x["x_ht"], x["w_e"], self.wrench_log_scale), GLOBAL_SPREAD)
 
     def features(self, x: dict[str, Tensor]) -> Tensor:
         """f (N, width): contact summary fused with the global state."""

@@ -5,9 +5,12 @@ The other packages are imported where they are used: who trains needs no exporte
 
 from __future__ import annotations
 
+import shutil
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
+import click
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,6 +21,21 @@ from .metrics import pose_size, signed_work
 
 if TYPE_CHECKING:
     from .grasp_picture import GraspPicture
+
+T = TypeVar("T")
+
+
+def anew_if_outdated(folder: Path, work: Callable[[], T]) -> T:
+    """Do `work`, which fills a build folder; what an earlier version of the program left there is made again."""
+    existed = folder.exists()
+    try:
+        return work()
+    except AminnError as error:
+        if not existed:
+            raise
+        click.echo(f"{folder} is made again: {error}")
+        shutil.rmtree(folder)
+        return work()
 
 
 def run_simulation(

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from .checkpoint import write_atomically
 from .grasp_picture import GraspPicture, draw_grasp
+from .metrics import COLUMNS
 
 Array = NDArray[np.float64]
 Value = float | int | str | bool | None
@@ -35,19 +36,6 @@ NAMES = {
 COLOURS = {"aminn": "#1f5fa8", "mlp": "#d9772b", "analytical": "#7a7a7a", "label": "#111111"}
 OTHER_COLOURS = ("#3a8f5c", "#8a5aa6", "#b03a48", "#5b8aa6")
 GRID = "#dddddd"
-
-# Columns of the table: key, heading, unit line, format.
-COLUMNS = (
-    ("f1", "F1", "stable", "{:.3f}"),
-    ("rmse_pose", "RMSE<sub>pose</sub>", "1", "{:.4f}"),
-    ("rmse_mm", "RMSE", "mm", "{:.2f}"),
-    ("rmse_deg", "RMSE", "deg", "{:.2f}"),
-    ("rmse_to_no_motion", "RMSE / no motion", "1", "{:.3f}"),
-    ("relative_error_median", "relative error", "median", "{:.3f}"),
-    ("relative_error_p90", "relative error", "p90", "{:.3f}"),
-    ("passivity_violation_translational", "f·dp < 0", "share", "{:.2%}"),
-    ("passivity_violation_full", "w·dx < 0", "share", "{:.2%}"),
-)
 
 # Rows of the table of differences: key after the target's name, text, format.
 DIFFERENCES = (
@@ -79,7 +67,7 @@ class ReportInputs:
     title: str = "AMINN"
     """Heading of the page."""
     rows: Sequence[Mapping[str, Value]] = ()
-    """Table: one mapping a row with "model" and the keys of `COLUMNS`; a missing key or a NaN shows as a dash."""
+    """Table: one mapping a row with "model" and the keys of `metrics.COLUMNS`; a missing key or NaN shows as a dash."""
     signed_work: Mapping[str, Array] = field(default_factory=dict)
     """Name -> w.dx (n), J, of samples predicted stable; "label" is the ground truth."""
     signed_work_translational: Mapping[str, Array] = field(default_factory=dict)
@@ -301,7 +289,7 @@ def format_value(value: Value, form: str | None = None) -> str:
 def result_table(rows: Sequence[Mapping[str, Value]]) -> list[list[str]]:
     """Cells of the result table, row by row."""
     return [
-        [label_of(str(row["model"]))] + [format_value(row.get(key), form) for key, _, _, form in COLUMNS]
+        [label_of(str(row["model"]))] + [format_value(row.get(key), column.form) for key, column in COLUMNS.items()]
         for row in rows
     ]
 
@@ -329,7 +317,7 @@ def write_report(inputs: ReportInputs, out_html: Path) -> None:
     headings, differences = difference_table(inputs.verification)
     page = environment.get_template("report.html.j2").render(
         inputs=inputs,
-        columns=COLUMNS,
+        columns=COLUMNS.values(),
         rows=result_table(inputs.rows),
         headings=headings,
         differences=differences,

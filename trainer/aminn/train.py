@@ -17,6 +17,7 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 from tqdm import tqdm
 
+from . import __version__
 from .checkpoint import META, Checkpoint, build_model, load_checkpoint, save_checkpoint, write_json
 from .dataset import Dataset
 from .errors import AminnError
@@ -119,12 +120,17 @@ def _stages(model: nn.Module, config: TrainConfig, train: Dataset, validation: D
     ]
 
 
+def identity_of(config: TrainConfig, data_sha256: str) -> dict:
+    """What a run's result follows from, as JSON has it: program, configuration and data."""
+    return {"program": __version__, "config": json.loads(json.dumps(asdict(config))), "data_sha256": data_sha256}
+
+
 class _Run:
     """State of an unfinished stage on disk: weights, AdamW's moments, best weights so far, history."""
 
     def __init__(self, folder: Path, config: TrainConfig, data_sha256: str) -> None:
         self.folder = folder
-        self.identity = {"config": json.loads(json.dumps(asdict(config))), "data_sha256": data_sha256}
+        self.identity = identity_of(config, data_sha256)
 
     def save(self, state: dict[str, Tensor], progress: dict) -> None:
         part = self.folder / (RESUME + ".part")
@@ -250,8 +256,7 @@ def _finished(out: Path, run: _Run) -> Checkpoint | None:
     if not (out / META).is_file():
         return None
     checkpoint = load_checkpoint(out)
-    identity = {"config": checkpoint.meta["train"], "data_sha256": checkpoint.meta["data_sha256"]}
-    if identity != run.identity:
+    if checkpoint.meta["identity"] != run.identity:
         raise AminnError(
             f"{out}: holds a model of another configuration or data set; remove the folder or give another one"
         )
@@ -289,9 +294,8 @@ def train(config: TrainConfig, dataset: Dataset, out: Path, bar_position: int = 
     meta = {
         "tau": tau,
         "seed": config.seed,
-        "train": asdict(config),
+        "identity": run.identity,
         "history": progress["history"],
-        "data_sha256": dataset.sha256,
         "data_config_sha256": dataset.manifest["config_sha256"],
         "n_parameters": sum(p.numel() for p in model.parameters()),
     }
