@@ -22,7 +22,7 @@ from .evaluate import Evaluation, evaluate, flat_report, format_table, training_
 from .pipeline import anew_if_outdated, run_export, run_report, run_simulation, run_verify
 from .train import TrainConfig, train
 
-GRASPS, CASES, SEED = 640, 16, 0
+GRASPS, CASES, SEED = 960, 16, 0
 KINDS = ("aminn", "mlp")
 T = TypeVar("T")
 

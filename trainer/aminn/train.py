@@ -7,6 +7,7 @@ Bytes depend on data, configuration and seed alone: arithmetic runs on one threa
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -206,6 +207,12 @@ def _epoch(stage: _Stage, stage_index: int, epoch: int, config: TrainConfig, opt
     return total / len(y)
 
 
+def _progress_bar(title: str, done: int, epochs: int, position: int) -> tqdm:
+    live = sys.stderr.isatty()  # a log gets few lines, and no cursor moves
+    settings = {"mininterval": 0.5, "position": position} if live else {"mininterval": 10.0, "position": 0}
+    return tqdm(range(done, epochs), initial=done, total=epochs, desc=title, unit="epoch", **settings)
+
+
 def _train_stage(
     stage: _Stage,
     stage_index: int,
@@ -223,8 +230,7 @@ def _train_stage(
     if state is not None:
         _restore_optimiser(optimiser, state)
         best = _unprefixed("best.", state)
-    bar = tqdm(range(len(history["train"]), config.epochs), initial=len(history["train"]), total=config.epochs,
-               desc=f"{config.kind} {stage.name}", unit="epoch", mininterval=1.0, position=bar_position)  # fmt: skip
+    bar = _progress_bar(f"{config.kind} {stage.name}", len(history["train"]), config.epochs, bar_position)
     for epoch in bar:
         history["train"].append(_epoch(stage, stage_index, epoch, config, optimiser))
         with torch.no_grad():
@@ -234,7 +240,7 @@ def _train_stage(
         if loss < min(history["validation"], default=np.inf):
             best = {k: v.clone() for k, v in stage.module.state_dict().items()}
         history["validation"].append(loss)
-        bar.set_postfix(train=f"{history['train'][-1]:.5f}", validation=f"{loss:.5f}")
+        bar.set_postfix(train=f"{history['train'][-1]:.5f}", validation=f"{loss:.5f}", refresh=False)
         progress["total_epochs"] = stage_index * config.epochs + epoch + 1
         tensors = _prefixed("model.", model.state_dict()) | _prefixed("best.", best) | _optimiser_state(optimiser)
         run.save(tensors | {"epoch": torch.tensor(progress["total_epochs"])}, progress)
