@@ -59,6 +59,8 @@ STUDIES: dict[str, dict[str, TrainConfig]] = {
     },
 }
 """Study -> variant -> configuration; the seed is filled in."""
+SPLITS = {"paper": "test", "ablation": "validation"}
+"""Which grasps of the first data set a study is judged on: a choice is never made on test grasps."""
 
 
 def _simulate(folder: Path, names: list[str], seed: int) -> dict[str, Dataset]:
@@ -70,7 +72,7 @@ def _simulate(folder: Path, names: list[str], seed: int) -> dict[str, Dataset]:
 
 
 def _run(
-    variant: str, config: TrainConfig, folder: Path, names: list[str], position: int
+    variant: str, config: TrainConfig, folder: Path, names: list[str], split: str, position: int
 ) -> dict[str, dict[str, Figures]]:
     """Train one run and test it: data set -> row of the table -> figures."""
     data = {name: load_dataset(folder / "data" / name) for name in names}
@@ -79,7 +81,7 @@ def _run(
     validation = data["iid"].split("validation")
     results = {}
     for name, dataset in data.items():
-        part = dataset.split("test") if name == "iid" else dataset
+        part = dataset.split(split) if name == "iid" else dataset
         table = compare([checkpoint], part, validation, name).table
         results[name] = {
             variant: table[config.kind],
@@ -125,9 +127,13 @@ def main(study: str, build: Path, seeds: int) -> None:
     ]
     workers = min(len(jobs), len(os.sched_getaffinity(0)))
     with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
-        waiting = [pool.submit(_run, v, c, folder, names, k % workers) for k, (v, c) in enumerate(jobs)]
+        waiting = [pool.submit(_run, v, c, folder, names, SPLITS[study], k % workers) for k, (v, c) in enumerate(jobs)]
         runs = [job.result() for job in waiting]
-    report: dict[str, float | int] = {"seeds": seeds, **{f"{n}_n_samples": len(d) for n, d in data.items()}}
+    report: dict[str, float | int | str] = {
+        "seeds": seeds,
+        "iid_split": SPLITS[study],
+        **{f"{n}_n_samples": len(d) for n, d in data.items()},
+    }
     for name in names:
         rows = _gather(runs, name)
         click.echo(f"\n{name}\n{_format(rows)}")
