@@ -88,12 +88,17 @@ def main(build: Path, grasps: int, cases: int) -> None:
     result = watch.run("evaluate", "Evaluate on the test grasps", lambda: evaluate(checkpoints, dataset))
     watch.run("export", "Export to ONNX and C", lambda: run_export(folder / "aminn", data, exported))
     title = "Replay through ONNX Runtime, the compiled runtime and the emulated Cortex-M7"
-    replay = watch.run("verify", title, lambda: run_verify(exported, data, build / "host", firmware=True))
+    differences: list[str] = []
+    host = build / "host"
+    replay = watch.run(
+        "verify", title, lambda: run_verify(exported, data, host, firmware=True, echo=differences.append)
+    )
     page = reports / "demo.html"
     watch.run("report", "Write the report page", lambda: run_report(result, checkpoints, replay, page))
     report = _figures(dataset, result, checkpoints) | replay | watch.seconds
     write_json(reports / "demo.json", report)
     click.echo(f"\n{format_table(result)}\n")
+    click.echo("\n".join([*differences, ""]))
     click.echo(f"figures: {reports / 'demo.json'}\nreport page: {page}")
     if not replay["ok"]:
         raise click.ClickException("the runtime does not repeat ONNX Runtime; the differences stand above")

@@ -61,11 +61,18 @@ def run_export(run: Path, data: Path, out: Path, prefix: str = "aminn_model") ->
     return export(run, out, prefix, data)
 
 
-def run_verify(exported: Path, data: Path, build: Path, samples: int = 1000, firmware: bool = False) -> dict:
-    """Replay `data` through ONNX Runtime and the compiled runtime; flat figures, "ok" among them."""
+def run_verify(
+    exported: Path,
+    data: Path,
+    build: Path,
+    samples: int = 1000,
+    firmware: bool = False,
+    echo: Callable[[str], object] = click.echo,
+) -> dict:
+    """Replay `data` through ONNX Runtime and the compiled runtime; flat figures, "ok" among them. `echo` prints."""
     from aminn_export.verify import verify
 
-    return verify(exported, data, build, min_samples=samples, firmware=firmware)
+    return verify(exported, data, build, min_samples=samples, firmware=firmware, echo=echo)
 
 
 def _report_data(labels: dict, manifest: dict) -> dict[str, float | int | str]:
