@@ -1,8 +1,8 @@
 """Write the small second model of the runtime's tests (random weights, other widths, "inverse") into tests/golden.
 
     python tests/runtime/make_golden.py            # tiny_model.c/.h and tiny_golden.bin
-    python tests/runtime/make_golden.py --model    # also a stand-in for the reference model of `aminn export`
 
+The trained reference model beside it comes from `make golden`.
 Its reference outputs are the float64 oracle's. Deterministic: running it again changes nothing.
 """
 
@@ -14,7 +14,6 @@ from pathlib import Path
 from runtime_models import RandomModel, random_inputs, random_model
 
 from aminn.dims import OUTPUT_SHAPES
-from aminn_export.bin_model import write_bin_model
 from aminn_export.c_model import write_c_model
 from aminn_export.reference import Reference
 from aminn_export.vectors import write_vectors
@@ -33,18 +32,12 @@ def write_golden(model: RandomModel, path: Path, n: int, seed: int) -> None:
 def main() -> None:
     """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--model", action="store_true", help="also write a stand-in for the reference model")
     parser.add_argument("--out", type=Path, default=GOLDEN, help="folder (default: tests/golden)")
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
     tiny = random_model(7, widths=(5, 9, 7), dq0="inverse")
     write_c_model(tiny, args.out, "tiny_model")
     write_golden(tiny, args.out / "tiny_golden.bin", 48, 11)
-    if args.model:
-        model = random_model(1)
-        write_c_model(model, args.out)
-        write_bin_model(model, args.out / "aminn_model.bin")
-        write_golden(model, args.out / "golden.bin", 256, 3)
     print(f"Written to {args.out}")
 
 
