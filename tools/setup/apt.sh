@@ -31,8 +31,11 @@ packages() {
       echo "pkg-config have pkg-config"
       echo "git have git"
       echo "xz-utils have xz" ;;
+    fuzz) # the compiler that brings libFuzzer, and the sanitizers' libraries
+      echo "clang-14 have clang++-14"
+      echo "libclang-rt-14-dev" ;;
     *)
-      echo "apt.sh: no group '$1' (make host sim python arm test)" >&2
+      echo "apt.sh: no group '$1' (make host sim python arm test fuzz)" >&2
       exit 2 ;;
   esac
 }

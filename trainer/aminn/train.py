@@ -144,7 +144,7 @@ class _Run:
         if not meta_file.is_file() or not (self.folder / RESUME).is_file():
             return None
         progress = json.loads(meta_file.read_text())
-        if any(progress[k] != v for k, v in self.identity.items()):
+        if any(progress.get(k) != v for k, v in self.identity.items()):
             raise AminnError(
                 f"{self.folder}: holds an unfinished run with another configuration or data set; "
                 "remove the folder or give another one"
@@ -262,7 +262,7 @@ def _finished(out: Path, run: _Run) -> Checkpoint | None:
     if not (out / META).is_file():
         return None
     checkpoint = load_checkpoint(out)
-    if checkpoint.meta["identity"] != run.identity:
+    if checkpoint.meta.get("identity") != run.identity:
         raise AminnError(
             f"{out}: holds a model of another configuration or data set; remove the folder or give another one"
         )
