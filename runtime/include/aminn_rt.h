@@ -120,7 +120,7 @@ extern "C" {
     X(AMINN_E_NORMAL, -6, "the contact normal of a branch in contact is not a unit vector")                           \
     X(AMINN_E_ROTATION, -7, "the rotation vector of x_ht is longer than pi")                                          \
     X(AMINN_E_NO_CONTACT, -8, "no branch is in contact: there is no grasp to judge")                                  \
-    X(AMINN_E_NUMERIC, -9, "the prediction overflowed: inputs far outside the physical range")                        \
+    X(AMINN_E_NUMERIC, -9, "the prediction overflowed or lost all digits: inputs far outside the physical range")     \
     X(AMINN_E_DIMS, -10, "the model's dimensions differ from the runtime's, or a width exceeds AMINN_MAX_WIDTH")      \
     X(AMINN_E_MODEL, -11, "a table of the model is missing, or a constant is NaN or out of its range")                \
     X(AMINN_E_MAGIC, -12, "the blob is not an AMINN model")                                                           \
@@ -321,7 +321,8 @@ static inline aminn_status_t aminn_init(aminn_t *ctx, const aminn_model_t *model
  *
  * Returns AMINN_OK; AMINN_E_NULL; AMINN_E_NOT_INITIALISED; for a bad input, in this order of precedence,
  * AMINN_E_NONFINITE, AMINN_E_CONTACT_FLAG, AMINN_E_NORMAL (length differs from 1 by more than 1e-3), AMINN_E_ROTATION
- * (length exceeds pi by more than 0.1 %), AMINN_E_NO_CONTACT; AMINN_E_NUMERIC if a result is not finite.
+ * (length exceeds pi by more than 0.1 %), AMINN_E_NO_CONTACT; AMINN_E_NUMERIC if a result is not finite, or if by it
+ * the load would take energy out of the grasp (w_e . dx < 0 in either stage: float32 has lost all digits).
  * After any error, if out is not null: stable 0, p_stable 0, all else NaN; aminn_debug() returns null. The context
  * stays initialised: the next call with a good input works.
  */

@@ -48,13 +48,15 @@ void store_response(const aminn_stage_debug_t &stage, aminn_output_t &out)
     std::memcpy(out.gate, stage.gate, sizeof out.gate);
 }
 
-bool finite(const aminn_output_t &out)
+// Nothing overflowed, and the load gives its energy to the grasp (w.dx >= 0). The statics ensure the latter unless the
+// stiffnesses lie further apart than float32 can tell, with a tool 1e8 m away for instance: then dx is noise.
+bool sound(const aminn_input_t &in, const aminn_stage_debug_t &stage)
 {
-    return all_finite(out.dx_ht, AMINN_N_WRENCH) && all_finite(&out.k_x[0][0], AMINN_N_WRENCH * AMINN_N_WRENCH) &&
-           all_finite(out.gate, AMINN_N_BRANCH);
+    return all_finite(stage.dx, AMINN_N_WRENCH) && all_finite(&stage.k_x[0][0], AMINN_N_WRENCH * AMINN_N_WRENCH) &&
+           all_finite(stage.gate, AMINN_N_BRANCH) && ConstVec6Map(in.w_e).dot(ConstVec6Map(stage.dx)) >= 0.0F;
 }
 
-// the cascade on a checked input; false if a number overflowed
+// the cascade on a checked input; false if a stage's results are not sound
 bool run_cascade(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out)
 {
     const aminn_model_t &model = *ctx.model;
@@ -62,7 +64,7 @@ bool run_cascade(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out)
     const Scene scene = make_scene(model, in);
     const StaticsSummary summary = run_stage(ctx, 0, scene, in);
     out.p_stable = classify(model, summary, ctx.stage[0].gate, ctx);
-    if (!std::isfinite(out.p_stable)) {
+    if (!std::isfinite(out.p_stable) || !sound(in, ctx.stage[0])) {
         return false;
     }
     out.stable = out.p_stable >= model.tau ? 1 : 0;
@@ -72,7 +74,7 @@ bool run_cascade(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out)
     }
     run_stage(ctx, 1, scene, in);
     store_response(ctx.stage[1], out);
-    return finite(out);
+    return sound(in, ctx.stage[1]);
 }
 
 aminn_status_t predict_checked(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out)

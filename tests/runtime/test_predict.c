@@ -177,6 +177,50 @@ static void the_debug_view_shows_stage_2s_outputs(void)
     TEST_ASSERT_NULL(aminn_debug(&ctx, -1));
 }
 
+/* 1: both stages' results are numbers, and the load gives its energy to the grasp */
+static int stages_are_sound(void)
+{
+    int stage, i;
+    for (stage = 0; stage < AMINN_N_STAGE; ++stage) {
+        const aminn_stage_debug_t *view = aminn_debug(&ctx, stage);
+        double work = 0.0, size = 0.0;
+        for (i = 0; i < AMINN_N_WRENCH; ++i) {
+            const double part = (double)in.w_e[i] * (double)view->dx[i];
+            work += part;
+            size += fabs(part);
+        }
+        for (i = 0; i < AMINN_N_WRENCH * AMINN_N_WRENCH; ++i) {
+            if (!isfinite(view->k_x[i / AMINN_N_WRENCH][i % AMINN_N_WRENCH])) {
+                return 0;
+            }
+        }
+        if (!(work >= -1e-6 * size)) {
+            return 0;
+        }
+    }
+    return 1;
+}
+
+/* with the tool at 1e5 to 1e19 m float32 loses the springs beside the lever arms */
+static void a_tool_out_of_reach_gives_an_error_or_a_sound_prediction(void)
+{
+    int i, refused = 0;
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &aminn_model, AMINN_FLAG_ALWAYS_STAGE2));
+    for (i = 0; i < 15 * 15 * 12; ++i) {
+        aminn_state_t state = state_of(&in);
+        const int axis = i / 225 % 3, sign = i / 675 % 2 * 2 - 1;
+        state.x_ht[axis] = (float)pow(10.0, 5 + i % 15) * (i / 1350 ? 1.0F : -1.0F);
+        state.x_ht[(axis + 1) % 3] = (float)(sign * pow(10.0, 5 + i / 15 % 15));
+        if (aminn_predict_state(&ctx, &state, &out) == AMINN_OK) {
+            TEST_ASSERT_TRUE(stages_are_sound());
+        } else {
+            assert_failed_output(&out);
+            ++refused;
+        }
+    }
+    TEST_ASSERT_GREATER_THAN_INT(0, refused);
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -191,5 +235,6 @@ int main(void)
     RUN_TEST(a_prediction_depends_on_its_input_alone);
     RUN_TEST(the_model_and_the_input_are_not_written);
     RUN_TEST(the_debug_view_shows_stage_2s_outputs);
+    RUN_TEST(a_tool_out_of_reach_gives_an_error_or_a_sound_prediction);
     return UNITY_END();
 }
