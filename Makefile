@@ -10,6 +10,7 @@ GRASPS  ?= 1000
 CASES   ?= 16
 SEED    ?= 0
 SEEDS   ?= 5
+FUZZ_SECONDS ?= 60
 THREADS ?= $(JOBS)
 # Further arguments for pip, e.g. --extra-index-url of PyTorch's CPU-only builds.
 PIP_ARGS ?=
@@ -19,6 +20,7 @@ PYTHON  := $(VENV)/bin/python
 QUIET   := tools/setup/quiet.sh
 HOST    := $(BUILD)/host
 FIRMWARE := $(BUILD)/firmware
+FUZZ    := $(BUILD)/fuzz
 REPORTS := $(BUILD)/reports
 
 .DEFAULT_GOAL := help
@@ -34,7 +36,8 @@ MODULE_SOURCES  := CMakeLists.txt pyproject.toml $(wildcard runtime/include/amin
 RUNTIME_SOURCES := CMakeLists.txt $(filter-out %.py runtime/firmware/%,$(call sources,runtime))
 TEST_SOURCES    := $(filter-out %.py,$(call sources,tests/runtime tests/golden))
 FIRMWARE_SOURCES := $(RUNTIME_SOURCES) $(filter-out %.py,$(call sources,runtime/firmware tests/golden))
-FORMATTED       := $(filter %.c %.h %.cpp %.hpp,$(call sources,sim runtime tests/runtime))
+FUZZ_SOURCES    := $(RUNTIME_SOURCES) $(filter-out %.py,$(call sources,tests/fuzz tests/golden))
+FORMATTED       := $(filter %.c %.h %.cpp %.hpp,$(call sources,sim runtime tests/runtime tests/fuzz))
 PYTHON_FOLDERS  := $(wildcard sim trainer tools tests runtime)
 
 # --- targets for people -------------------------------------------------------------------------------------------
@@ -96,6 +99,11 @@ size: firmware ## code, data, stack and model bytes on the Cortex-M7, with their
 	@python3 runtime/tools/size_report.py --build $(FIRMWARE) --firmware-report $(REPORTS)/firmware.json \
 	  --out $(REPORTS)/size.json
 
+.PHONY: fuzz
+fuzz: $(STAMPS)/fuzz ## the library against arbitrary models and inputs, with clang's fuzzer and sanitizers (FUZZ_SECONDS=60)
+	@python3 tests/fuzz/run.py --build $(FUZZ) --seconds $(FUZZ_SECONDS) --report $(REPORTS)/fuzz.json
+	@echo "No crash. Report: $(REPORTS)/fuzz.json"
+
 .PHONY: fidelity
 fidelity: setup-python ## the formula with the true stiffnesses against simulation; noise of the labels (GRASPS=, ...)
 	@[ -f $(BUILD)/dataset/manifest.json ] || $(MAKE) --no-print-directory dataset
@@ -155,6 +163,14 @@ $(STAMPS)/firmware: $(FIRMWARE_SOURCES) | $(STAMPS)/apt-host $(STAMPS)/apt-arm
 	  --toolchain $(CURDIR)/runtime/firmware/arm-none-eabi.cmake -DMODEL_DIR=$(CURDIR)/tests/golden \
 	  -DCOMPARE=$(CURDIR)/$(HOST)/runtime/aminn_compare -DREPORT=$(CURDIR)/$(REPORTS)/firmware.json
 	@$(QUIET) $(BUILD)/logs/firmware.log cmake --build $(FIRMWARE) --parallel $(JOBS)
+	@touch $@
+
+# The library with sanitizers, and the fuzz targets.
+$(STAMPS)/fuzz: $(FUZZ_SOURCES) | $(STAMPS)/apt-host $(STAMPS)/apt-fuzz
+	@echo "Building the fuzz targets"
+	@$(QUIET) $(BUILD)/logs/fuzz-configure.log cmake -S tests/fuzz -B $(FUZZ) -G Ninja \
+	  -DCMAKE_C_COMPILER=clang-14 -DCMAKE_CXX_COMPILER=clang++-14
+	@$(QUIET) $(BUILD)/logs/fuzz.log cmake --build $(FUZZ) --parallel $(JOBS)
 	@touch $@
 
 $(STAMPS)/unity: tools/setup/unity.sh | $(STAMPS)/apt-host $(STAMPS)/apt-test

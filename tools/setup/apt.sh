@@ -32,7 +32,7 @@ packages() {
       echo "git have git"
       echo "xz-utils have xz" ;;
     fuzz) # the compiler that brings libFuzzer, and the sanitizers' libraries
-      echo "clang-14 have clang++-14"
+      echo "clang-14 have clang-14 && have clang++-14"
       echo "libclang-rt-14-dev" ;;
     *)
       echo "apt.sh: no group '$1' (make host sim python arm test fuzz)" >&2

@@ -1,0 +1,111 @@
+// Fuzz target: any bytes as a model. What aminn_model_from_blob accepts is initialised and predicts once; the outputs
+// must be the documented ones whatever the model.
+#include <algorithm>
+#include <cstring>
+
+#include "checks.hpp"
+#include "mutate.hpp"
+
+using namespace fuzz;
+
+namespace {
+
+aminn_t ctx;
+aminn_model_t model;
+aminn_output_t out;
+
+void check_refused(aminn_status_t status)
+{
+    FUZZ_CHECK(status <= AMINN_E_DIMS && status >= AMINN_E_ALIGN);
+    FUZZ_CHECK(model.format_version == 0 && model.wrench_log_scale == nullptr && model.cls2_b == nullptr);
+    FUZZ_CHECK(model.stage[0].contact_mean == nullptr && model.stage[1].head_b == nullptr);
+    FUZZ_CHECK(aminn_init(&ctx, &model, 0) == AMINN_E_VERSION);
+    FUZZ_CHECK(aminn_predict(&ctx, &golden_input(), &out) == AMINN_E_NOT_INITIALISED);
+}
+
+void predict_once()
+{
+    const aminn_input_t &in = golden_input();
+    aminn_state_t state;
+    std::memcpy(&state, &in, sizeof state);
+    FUZZ_CHECK(aminn_init(&ctx, &model, AMINN_FLAG_ALWAYS_STAGE2) == AMINN_OK);
+    scribble(&out, sizeof out);
+    check_prediction(ctx, model, state.w_e, aminn_predict_state(&ctx, &state, &out), out);
+}
+
+// one to 32 bytes changed as libFuzzer does, the length kept
+void mutate_slice(uint8_t *data, size_t size, Random &random)
+{
+    const size_t at = below(random, size);
+    const size_t n = std::min(size - at, 1 + below(random, 32));
+    LLVMFuzzerMutate(data + at, n, n);
+}
+
+// other widths, and as many bytes as these need: the old ones, repeated
+size_t change_widths(uint8_t *data, size_t size, size_t max_size, Random &random)
+{
+    uint32_t widths[3];
+    std::memcpy(widths, data + kBlobWidths, sizeof widths);
+    widths[below(random, 3)] = static_cast<uint32_t>(1 + below(random, below(random, 32) != 0 ? 8 : 129));
+    std::memcpy(data + kBlobWidths, widths, sizeof widths);
+    if (size == kBlobHeader || widths[0] > 129 || widths[1] > 129 || widths[2] > 129) {
+        return size;
+    }
+    const size_t wanted = kBlobHeader + 4 * table_floats(widths[0], widths[1], widths[2]);
+    if (wanted > max_size) {
+        return size;
+    }
+    for (size_t i = size; i < wanted; ++i) {
+        data[i] = data[kBlobHeader + (i - size) % (size - kBlobHeader)];
+    }
+    return wanted;
+}
+
+size_t mutate_once(uint8_t *data, size_t size, size_t max_size, Random &random)
+{
+    if (size < kBlobHeader) {
+        return LLVMFuzzerMutate(data, size, max_size);
+    }
+    switch (below(random, 8)) {
+    case 0:
+        return LLVMFuzzerMutate(data, size, max_size);
+    case 1:
+        return change_widths(data, size, max_size, random);
+    case 2:
+        mutate_slice(data, kBlobHeader, random);
+        return size;
+    case 3:
+        mutate_slice(data, size, random);
+        return size;
+    case 4:
+        mutate_float(data + 88 + 4 * below(random, 10), random); // the header's constants
+        return size;
+    default:
+        mutate_float(data + 4 * below(random, size / 4), random);
+        return size;
+    }
+}
+
+} // namespace
+
+extern "C" size_t LLVMFuzzerCustomMutator(uint8_t *data, size_t size, size_t max_size, unsigned int seed)
+{
+    Random random(seed);
+    size = mutate_once(data, size, max_size, random);
+    if (below(random, 16) != 0) { // else most changes would end at the CRC
+        seal_blob(data, size);
+    }
+    return size;
+}
+
+extern "C" int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
+{
+    scribble(&model, sizeof model);
+    const aminn_status_t status = aminn_model_from_blob(data, size, &model);
+    if (status == AMINN_OK) {
+        predict_once();
+    } else {
+        check_refused(status);
+    }
+    return 0;
+}
