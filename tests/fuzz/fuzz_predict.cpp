@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <iterator>
 
 #include "aminn_model.h"
 #include "checks.hpp"
@@ -173,8 +174,9 @@ size_t mutate_once(uint8_t *data, size_t size, size_t max_size, Random &random)
     if (size < kSize) {
         complete(data, size);
     }
-    if (below(random, 2) == 0) { // a place, a force, a contact, far out of range as a whole
-        scale_vector(data + 1 + 4 * below(random, kStateFloats - 2), random);
+    if (below(random, 2) == 0) { // the tool far away, or a contact: lever arms beside which the springs vanish
+        static const size_t kPlaces[] = {8, 21, 29, 37};
+        scale_vector(data + 1 + 4 * kPlaces[below(random, std::size(kPlaces))], random);
     }
     for (size_t n = below(random, 4); n > 0; --n) {
         mutate_float(data + 1 + 4 * below(random, kFloats), random);
