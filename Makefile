@@ -112,7 +112,7 @@ fidelity: setup-python ## the formula with the true stiffnesses against simulati
 
 .PHONY: install
 install: setup-host ## the C library, header, CMake package and aminn_rt.pc (PREFIX=/usr/local)
-	@cmake --install $(HOST) --prefix $(PREFIX) >$(BUILD)/logs/install.log || { cat $(BUILD)/logs/install.log; exit 1; }
+	@cmake --install $(HOST) --prefix '$(PREFIX)' >$(BUILD)/logs/install.log || { cat $(BUILD)/logs/install.log; exit 1; }
 	@echo "Installed in $(PREFIX); files: $(HOST)/install_manifest.txt"
 
 .PHONY: clean

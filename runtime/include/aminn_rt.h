@@ -7,7 +7,7 @@
  *   From one state of the hand (joint angles, tool pose, load, contacts) the probability that the grasp holds under the
  *   load (p_stable) and the displacement of the tool in the hand that the load causes (dx_ht, 6 numbers). Inside: two
  *   small neural networks that predict joint springs and tendons, and a statics layer that turns these into the 6x6
- *   stiffness of the grasped tool. docs/runtime.md has the method, docs/model-format.md the model's bytes.
+ *   stiffness of the grasped tool. docs/mechanics.md has the method, docs/model-format.md the model's bytes.
  *
  * UNITS AND FRAMES
  *   SI everywhere: m, rad, N, N.m. All vectors are expressed in the hand (palm) frame H. Poses are a position (m) and a

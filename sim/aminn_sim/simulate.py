@@ -101,6 +101,7 @@ def simulate(
     sizes = shard_sizes(config)
     _make_folder(out)
     todo = [n for n, size in enumerate(sizes) if not _is_complete(out / shard_name(n), digest, size, config)]
+    _refuse_damaged_shards(out)
     if todo:
         (out / "manifest.json").unlink(missing_ok=True)  # it would describe shards that are about to change
     simulator = load_simulator()
@@ -130,6 +131,23 @@ def _make_folder(out: Path) -> None:
         raise SimulationError(f"{out}: cannot be made a data set folder ({error})") from error
     for leftover in out.glob("*.partial"):
         leftover.unlink()
+
+
+def _refuse_damaged_shards(out: Path) -> None:
+    """Hold the shards against the manifest of the finished data set in `out`, if there is one."""
+    manifest = out / "manifest.json"
+    if not manifest.exists():
+        return
+    try:
+        entries = json.loads(manifest.read_text())["shards"]
+        recorded = {str(entry["file"]): str(entry["sha256"]) for entry in entries}
+    except (json.JSONDecodeError, KeyError, TypeError) as error:
+        raise SimulationError(f"{manifest}: not a manifest ({error}); delete it and simulate again") from error
+    for name, sha256 in recorded.items():
+        if (out / name).exists() and file_sha256(out / name) != sha256:
+            raise SimulationError(
+                f"{out / name}: damaged, its SHA-256 is not the manifest's; delete it and simulate again"
+            )
 
 
 def _shard_progress(bar: tqdm) -> Callable[[int], None]:

@@ -82,9 +82,10 @@ def test_metadata_is_lossless_json(tmp_path: Path) -> None:
         json.loads(prop.value)
 
 
+@pytest.mark.parametrize("fade", [False, True])
 @pytest.mark.parametrize("dq0", ["statics", "inverse"])
-def test_every_output_repeats_float64(dq0: str) -> None:
-    model, x = random_model(3, dq0=dq0), random_inputs(600, 5)
+def test_every_output_repeats_float64(dq0: str, fade: bool) -> None:
+    model, x = random_model(3, dq0=dq0), random_inputs(600, 5, fade)
     out, exact = _run(model, x, debug=True), Reference(model)(x)
     for name, value in out.items():
         assert np.isfinite(value).all(), name

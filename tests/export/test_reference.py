@@ -19,15 +19,16 @@ from aminn.nominal import nominal_from_hand
 from aminn_export.reference import Reference
 
 
+@pytest.mark.parametrize("fade", [False, True])
 @pytest.mark.parametrize("dq0", ["statics", "inverse"])
-def test_oracle_equals_the_trainers_model(dq0: str, tmp_path: Path) -> None:
+def test_oracle_equals_the_trainers_model(dq0: str, fade: bool, tmp_path: Path) -> None:
     torch.manual_seed(0)
     mechanics = (MechanicsConfig(dq0=dq0), MechanicsConfig(eps_m=3e-4, eps_kx=2e-3, dq0=dq0))
     config = replace(ModelConfig(), mechanics=mechanics)
     model = Aminn(config, nominal_from_hand(hand()))
     for parameter in model.parameters():
         torch.nn.init.normal_(parameter, std=0.15)
-    x = random_inputs(64, 2)
+    x = random_inputs(64, 2, fade)
     model.stage1.fit_normalisers({k: torch.as_tensor(v) for k, v in x.items()})
     model.stage2.fit_normalisers({k: torch.as_tensor(v) for k, v in x.items()})
     save_checkpoint(tmp_path, model, {"tau": 0.5})
@@ -40,4 +41,4 @@ def test_oracle_equals_the_trainers_model(dq0: str, tmp_path: Path) -> None:
         size = float(value.abs().max())
         difference = float(np.abs(ours[name] - value.numpy()).max()) / size
         print(f"{name}: {difference:.1e}")
-        assert difference < 1e-9, name
+        assert difference < (1e-8 if fade else 1e-9), name

@@ -545,11 +545,11 @@ static const float tiny_model_cls2_b[1] = {
 
 const aminn_model_t tiny_model = {
     .format_version = 1u,
-    .n_branch = AMINN_N_BRANCH,
-    .n_coord = AMINN_N_COORD,
-    .n_joint = AMINN_N_JOINT,
-    .n_contact_feature = AMINN_N_CONTACT_FEATURE,
-    .n_wrench = AMINN_N_WRENCH,
+    .n_branch = 3u,
+    .n_coord = 3u,
+    .n_joint = 8u,
+    .n_contact_feature = 8u,
+    .n_wrench = 6u,
     .contact_width = 5u,
     .width = 9u,
     .classifier_width = 7u,

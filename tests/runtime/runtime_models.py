@@ -144,8 +144,11 @@ def closure(q: NDArray, x_ht: NDArray, contacts: NDArray, tensors: dict[str, NDA
     return j_x, j_q
 
 
-def random_inputs(n: int, seed: int = 0) -> dict[str, NDArray[np.float32]]:
-    """n plausible states of the hand (float32, consistent closure); one branch in twelve is out of contact."""
+def random_inputs(n: int, seed: int = 0, fade: bool = False) -> dict[str, NDArray[np.float32]]:
+    """n plausible states of the hand (float32, consistent closure); one branch in twelve is out of contact.
+
+    With `fade` the contact flags of the others lie between 0.1 and 1 instead of being 1.
+    """
     rng = np.random.default_rng(seed)
     geometry = _geometry()
     roll, flex = rng.uniform(-0.4, 0.4, (n, 2)), rng.uniform(0.1, 0.9, (n, 3))
@@ -175,5 +178,7 @@ def random_inputs(n: int, seed: int = 0) -> dict[str, NDArray[np.float32]]:
     load[:, 3:] *= (10 ** rng.uniform(-2.7, -0.7, n) / np.linalg.norm(load[:, 3:], axis=1))[:, None]
     q, x_ht, contacts = (v.astype(np.float32) for v in (q, x_ht, contacts))
     j_x, j_q = closure(q, x_ht, contacts, geometry)
+    if fade:
+        contacts[..., 0] *= rng.uniform(0.1, 1, (n, 3)).astype(np.float32)
     inputs = {"q": q, "x_ht": x_ht, "w_e": load, "contacts": contacts, "j_x": j_x, "j_q": j_q}
     return {name: np.asarray(value, np.float32) for name, value in inputs.items()}

@@ -102,11 +102,12 @@ def largest(got: NDArray, want: NDArray) -> float:
     return float((difference.max(axes) if axes else difference).__truediv__(size + 1e-9).max())
 
 
+@pytest.mark.parametrize("fade", [False, True])
 @pytest.mark.parametrize("dq0", ["statics", "inverse"])
-def test_every_intermediate_agrees(library: ctypes.CDLL, dq0: str) -> None:
-    model, inputs = random_model(4, widths=(16, 24, 12), dq0=dq0), random_inputs(600, 9)
+def test_every_intermediate_agrees(library: ctypes.CDLL, dq0: str, fade: bool) -> None:
+    model, inputs = random_model(4, widths=(16, 24, 12), dq0=dq0), random_inputs(600, 9, fade)
     # with fewer contacts the tool swings nearly free, and joint deflections are small differences of large motions
-    held = (inputs["contacts"][..., 0] == 1).all(1)
+    held = (inputs["contacts"][..., 0] > 0).all(1)
     inputs = {name: value[held] for name, value in inputs.items()}
     got, want = predict(library, bin_model_bytes(model), inputs), Reference(model)(inputs)
     assert set(got) == set(want)

@@ -6,6 +6,7 @@ analytical statics with springs that differ from the nominal ones, so there is s
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 
@@ -117,7 +118,12 @@ def write_dataset(path: Path, grasps: int = 60, cases: int = 8, seed: int = 0) -
         for name, values in rows.items():
             file[f"samples/{name}"] = np.stack(values)
         file["grasps/grasp_id"] = np.arange(grasps)
-    shard = {"file": "shard-00000.h5", "n_samples": grasps * cases, "n_grasps": grasps, "sha256": "made up"}
+    shard = {
+        "file": "shard-00000.h5",
+        "n_samples": grasps * cases,
+        "n_grasps": grasps,
+        "sha256": hashlib.sha256((path / "shard-00000.h5").read_bytes()).hexdigest(),
+    }
     manifest = {"schema_version": 1, "seed": seed, "config_sha256": f"synthetic-{grasps}-{cases}-{seed}", "hand": h,
                 "shards": [shard], "n_samples": grasps * cases, "n_grasps": grasps}  # fmt: skip
     (path / "manifest.json").write_text(json.dumps(manifest))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
 from pathlib import Path
@@ -42,19 +43,36 @@ def other_schema(path: Path) -> None:
     (path / "manifest.json").write_text(json.dumps(manifest | {"schema_version": 99}))
 
 
+def flip_a_bit(path: Path) -> None:
+    shard = path / "shard-00000.h5"
+    data = bytearray(shard.read_bytes())
+    data[len(data) // 2] ^= 1
+    shard.write_bytes(data)
+
+
+def record_hash(path: Path) -> None:
+    """Make the manifest agree with the shard, so that only the later checks can find what is wrong."""
+    manifest = json.loads((path / "manifest.json").read_text())
+    manifest["shards"][0]["sha256"] = hashlib.sha256((path / "shard-00000.h5").read_bytes()).hexdigest()
+    (path / "manifest.json").write_text(json.dumps(manifest))
+
+
 def truncate_shard(path: Path) -> None:
     shard = path / "shard-00000.h5"
     shard.write_bytes(shard.read_bytes()[:1000])
+    record_hash(path)
 
 
 def put_nan(path: Path) -> None:
     with h5py.File(path / "shard-00000.h5", "r+") as file:
         file["samples/w_e"][3, 2] = np.nan
+    record_hash(path)
 
 
 def drop_field(path: Path) -> None:
     with h5py.File(path / "shard-00000.h5", "r+") as file:
         del file["samples/j_x"]
+    record_hash(path)
 
 
 @pytest.mark.parametrize(
@@ -62,7 +80,10 @@ def drop_field(path: Path) -> None:
     [
         (lambda p: (p / "manifest.json").unlink(), "no manifest.json"),
         (break_manifest, "not valid JSON"),
+        (lambda p: (p / "manifest.json").write_text("[]"), "not the manifest of a data set"),
+        (lambda p: (p / "manifest.json").write_text('{"schema_version": 1}'), "shards, hand, n_samples"),
         (other_schema, "schema_version is 99"),
+        (flip_a_bit, "damaged"),
         (lambda p: (p / "shard-00000.h5").unlink(), "missing"),
         (truncate_shard, "not a readable shard"),
         (put_nan, "w_e is not finite in sample 3"),

@@ -45,4 +45,4 @@ def test_study_gathers_mean_and_spread_over_runs() -> None:
     rows = study._gather(runs, "iid")
     assert all(rows["aminn"][key] == [1.0, 3.0] for key in COLUMNS)
     line = study._format(rows).splitlines()[-1]
-    assert f"{np.mean([1, 3]):.3f} ± {np.std([1, 3]):.3f}" in line
+    assert f"{np.mean([1, 3]):.3f} ± {np.std([1, 3], ddof=1):.3f}" in line

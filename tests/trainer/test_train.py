@@ -122,3 +122,25 @@ def test_exported_tables(runs: dict[str, Checkpoint]) -> None:
     assert exported.tensors["s2.head_w"].shape == (39, exported.meta["width"])
     with pytest.raises(AminnError, match="no mechanics layer"):
         export_tables(runs["mlp"])
+
+
+def test_damaged_unfinished_run_gives_a_clear_error(dataset: Dataset, tmp_path: Path) -> None:
+    (tmp_path / train_module.RESUME).write_bytes(b"")
+    (tmp_path / train_module.RESUME_META).write_text("{")
+    with pytest.raises(AminnError, match="damaged"):
+        train(SHORT, dataset, tmp_path)
+
+
+def test_two_runs_of_a_kind_have_rows_of_their_own(
+    runs: dict[str, Checkpoint], dataset: Dataset, tmp_path: Path
+) -> None:
+    other = train(replace(SHORT, seed=7), dataset, tmp_path / "other")
+    assert list(evaluate([runs["aminn"], other, runs["mlp"]], dataset).table)[:3] == ["aminn", "other", "mlp"]
+    with pytest.raises(AminnError, match="both called"):
+        evaluate([other, other], dataset)
+
+
+def test_checkpoint_is_as_readable_as_other_files(dataset: Dataset, tmp_path: Path) -> None:
+    train(SHORT, dataset, tmp_path)
+    (tmp_path / "plain").touch()
+    assert (tmp_path / WEIGHTS).stat().st_mode == (tmp_path / "plain").stat().st_mode

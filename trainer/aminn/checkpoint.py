@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from safetensors import SafetensorError
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file, save
 
 from .baseline import Mlp
 from .errors import AminnError
@@ -60,9 +60,7 @@ def build_model(kind: str, config: ModelConfig, nominal: Nominal) -> Aminn | Mlp
 def save_checkpoint(path: Path, model: Aminn | Mlp, meta: dict) -> None:
     """Write `model` and `meta` into folder `path`."""
     path.mkdir(parents=True, exist_ok=True)
-    part = path / (WEIGHTS + ".part")
-    save_file({k: v.contiguous() for k, v in model.state_dict().items()}, part)
-    os.replace(part, path / WEIGHTS)
+    write_atomically(path / WEIGHTS, save({k: v.contiguous() for k, v in model.state_dict().items()}))
     nominal = {k: v.tolist() for k, v in asdict(model.nominal).items()}
     fixed = {
         "format_version": FORMAT_VERSION,

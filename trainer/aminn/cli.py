@@ -12,7 +12,19 @@ from .errors import AminnError
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
 EXISTING = click.Path(path_type=Path, file_okay=False, exists=True)
+FILE_OR_FOLDER = click.Path(path_type=Path, exists=True)
 NEW_FILE = click.Path(path_type=Path, dir_okay=False)
+
+
+def read_verification(file: Path) -> dict:
+    """The report that `aminn verify --json` wrote."""
+    try:
+        report = json.loads(file.read_text())
+    except json.JSONDecodeError as error:
+        raise AminnError(f"{file}: not valid JSON ({error})") from error
+    if not isinstance(report, dict) or "ok" not in report or "failures" not in report:
+        raise AminnError(f"{file}: not a report of `aminn verify --json`")
+    return report
 
 
 class Messages(click.Command):
@@ -117,7 +129,7 @@ def export(checkpoint: Path, data: Path, out: Path, prefix: str) -> None:
 
 @main.command()
 @click.option("--export", "export_dir", type=EXISTING, required=True, help="Folder that `aminn export` wrote.")
-@click.option("--data", type=EXISTING, required=True, help="Data set to replay.")
+@click.option("--data", type=FILE_OR_FOLDER, required=True, help="Data set, or vector file, to replay.")
 @click.option(
     "--build",
     "build_dir",
@@ -159,7 +171,7 @@ def report(data: Path, runs: tuple[Path, ...], verification: Path | None, out: P
     from .pipeline import run_report
 
     checkpoints = [load_checkpoint(r) for r in runs]
-    differences = json.loads(verification.read_text()) if verification else {}
+    differences = read_verification(verification) if verification else {}
     run_report(run(checkpoints, load_dataset(data)), checkpoints, differences, out)
     click.echo(f"report: {out}")
 

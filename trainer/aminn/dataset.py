@@ -20,6 +20,7 @@ from .dims import INPUT_SHAPES, N_JOINT, N_WRENCH
 from .errors import AminnError
 
 SCHEMA_VERSION = 1
+MANIFEST_KEYS = ("config_sha256", "shards", "hand", "n_samples", "n_grasps")
 SPLITS = ("train", "validation", "test")
 SPLIT_FRACTIONS = (0.70, 0.15, 0.15)
 
@@ -81,19 +82,25 @@ def read_manifest(path: Path) -> dict:
         manifest = json.loads(file.read_text())
     except json.JSONDecodeError as error:
         raise AminnError(f"{file}: not valid JSON ({error})") from error
+    if not isinstance(manifest, dict):
+        raise AminnError(f"{file}: not the manifest of a data set")
     if manifest.get("schema_version") != SCHEMA_VERSION:
         raise AminnError(
             f"{file}: schema_version is {manifest.get('schema_version')}, this program reads {SCHEMA_VERSION}; "
             "simulate the data set again"
         )
+    missing = [key for key in MANIFEST_KEYS if key not in manifest]
+    if missing:
+        raise AminnError(f"{file}: {', '.join(missing)} missing; simulate the data set again")
     return manifest
 
 
-def _read_shard(path: Path) -> tuple[dict[str, NDArray], dict[str, NDArray]]:
+def _read_shard(folder: Path, entry: dict) -> tuple[dict[str, NDArray], dict[str, NDArray]]:
+    path = folder / entry["file"]
     if not path.is_file():
-        raise AminnError(
-            f"{path}: the manifest names this shard, but it is missing; run the simulation again to resume it"
-        )
+        raise AminnError(f"{path}: the manifest names this shard, but it is missing; run the simulation again")
+    if hashlib.sha256(path.read_bytes()).hexdigest() != entry["sha256"]:
+        raise AminnError(f"{path}: damaged, its SHA-256 is not the manifest's; delete it and run the simulation again")
     try:
         with h5py.File(path, "r") as file:
             samples = {name: dataset[()] for name, dataset in file["samples"].items()}
@@ -111,7 +118,7 @@ def _read_shard(path: Path) -> tuple[dict[str, NDArray], dict[str, NDArray]]:
 def load_dataset(path: Path) -> Dataset:
     """Read and check the data set in folder `path`. Raises AminnError with the file and field that is wrong."""
     manifest = read_manifest(path)
-    shards = [_read_shard(path / shard["file"]) for shard in manifest["shards"]]
+    shards = [_read_shard(path, entry) for entry in manifest["shards"]]
     if not shards:
         raise AminnError(f"{path}: the data set has no shards")
     samples = {name: np.concatenate([s[name] for s, _ in shards]) for name in shards[0][0]}

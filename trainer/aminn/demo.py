@@ -28,17 +28,18 @@ T = TypeVar("T")
 
 
 class _Stopwatch:
-    """Announces stages and keeps their durations."""
+    """Announces stages and keeps their durations; a stage that found its result there has none."""
 
     def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
+        self.seconds: dict[str, float | None] = {}
 
-    def run(self, name: str, title: str, work: Callable[[], T]) -> T:
+    def run(self, name: str, title: str, work: Callable[[], T], result: Path | None = None) -> T:
+        """Do `work`. `result` is what it makes: where that is there already, only part of the work is done."""
         click.secho(f"\n== {title}", bold=True)
-        start = time.monotonic()
-        result = work()
-        self.seconds[f"seconds_{name}"] = round(time.monotonic() - start, 1)
-        return result
+        before, start = result is not None and result.exists(), time.monotonic()
+        done = work()
+        self.seconds[f"seconds_{name}"] = None if before else round(time.monotonic() - start, 1)
+        return done
 
 
 def _simulate(data: Path, grasps: int, cases: int) -> Dataset:
@@ -83,8 +84,10 @@ def main(build: Path, grasps: int, cases: int) -> None:
     folder, reports, watch = build / "demo", build / "reports", _Stopwatch()
     data, exported = folder / "data", folder / "export"
     title = f"Simulate {grasps} grasps under {cases} loads each"
-    dataset = watch.run("simulate", title, lambda: _simulate(data, grasps, cases))
-    checkpoints = watch.run("train", "Train AMINN and the MLP baseline", lambda: _train_both(data, folder))
+    dataset = watch.run("simulate", title, lambda: _simulate(data, grasps, cases), data)
+    checkpoints = watch.run(
+        "train", "Train AMINN and the MLP baseline", lambda: _train_both(data, folder), folder / "aminn"
+    )
     result = watch.run("evaluate", "Evaluate on the test grasps", lambda: evaluate(checkpoints, dataset))
     watch.run("export", "Export to ONNX and C", lambda: run_export(folder / "aminn", data, exported))
     title = "Replay through ONNX Runtime, the compiled runtime and the emulated Cortex-M7"

@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 
 from .checkpoint import Checkpoint
-from .dataset import Dataset, split_of
+from .dataset import Dataset
 from .errors import AminnError
 from .metrics import COLUMNS, all_figures, choose_tau, displacement_figures, pose_error, pose_size, violation_rate
 from .model import Backbone, ModelConfig, scaled_pose
@@ -41,11 +41,22 @@ class Evaluation:
     data: Dataset
 
 
-def learned(checkpoint: Checkpoint, data: Dataset) -> Prediction:
+def names_of(checkpoints: list[Checkpoint]) -> list[str]:
+    """A row's name for each: its kind, or its folder where a kind stands more than once."""
+    kinds = [c.model.kind for c in checkpoints]
+    names = [kind if kinds.count(kind) == 1 else c.path.name for kind, c in zip(kinds, checkpoints, strict=True)]
+    if len(set(names)) < len(names):
+        raise AminnError(
+            f"two runs are both called {max(names, key=names.count)!r}; give runs in folders of other names"
+        )
+    return names
+
+
+def learned(checkpoint: Checkpoint, data: Dataset, name: str) -> Prediction:
     """A trained cascade at its own tau."""
     out = predict(checkpoint.model, data)
     stable = out["p_stable"].astype(np.float32) >= np.float32(checkpoint.meta["tau"])
-    return Prediction(checkpoint.model.kind, out["dx_ht"], stable)
+    return Prediction(name, out["dx_ht"], stable)
 
 
 def analytical(data: Dataset, validation: Dataset, config: ModelConfig | None = None) -> Prediction:
@@ -112,7 +123,8 @@ def evaluate(checkpoints: list[Checkpoint], dataset: Dataset, split: str = "test
 
 def compare(checkpoints: list[Checkpoint], data: Dataset, validation: Dataset, name: str) -> Evaluation:
     """Figures on all samples of `data`; `validation` is where the analytical model takes its bound from."""
-    predictions = [learned(c, data) for c in checkpoints] + [analytical(data, validation), no_motion(data)]
+    predictions = [learned(c, data, name) for c, name in zip(checkpoints, names_of(checkpoints), strict=True)]
+    predictions += [analytical(data, validation), no_motion(data)]
     s = data.samples
     table = {p.name: all_figures(s["w_e"], s["dx_ht"], s["stable"] > 0, p.dx, p.stable) for p in predictions}
     return Evaluation(name, table, label_figures(data), {p.name: p for p in predictions}, data)
@@ -156,7 +168,11 @@ def format_columns(rows: list[list[str]]) -> str:
 
 
 def training_grasps_in(dataset: Dataset, split: str) -> int:
-    """Number of grasps that stand in `split` and in the training split; 0 by construction, shown in the reports."""
-    ids = dataset.samples["grasp_id"]
-    part = split_of(ids)
-    return len(np.intersect1d(ids[part == 0], dataset.split(split).samples["grasp_id"]))
+    """Number of grasps of `split` that training has seen, by number or by state (q, x_ht)."""
+
+    def seen(name: str) -> tuple[set[int], set[bytes]]:
+        s = dataset.split(name).samples
+        return set(s["grasp_id"].tolist()), {row.tobytes() for row in np.hstack([s["q"], s["x_ht"]])}
+
+    (ids, states), (train_ids, train_states) = seen(split), seen("train")
+    return max(len(ids & train_ids), len(states & train_states))

@@ -128,8 +128,10 @@ def two_pass(
     a_s, b, w_s = j_x * s, -j_q, w_e * s
     first = _statics(springs.k_spring, w_s, contact, a_s, b, s, config)
     dx0 = first.x_scaled * s
-    dq0 = first.dq if config.dq0 == "statics" else _joint_deflection_inverse(j_q, j_x, dx0, config)
-    dq0 = dq0 * coord_mask * contact[..., None]
+    if config.dq0 == "statics":
+        dq0 = first.dq * coord_mask  # the contact flag is in the force already
+    else:
+        dq0 = _joint_deflection_inverse(j_q, j_x, dx0, config) * coord_mask * contact[..., None]
     d = springs.tendon_dir
     alpha, beta, rho = springs.gate_params.unbind(-1)
     gate = torch.sigmoid(alpha * ((dq0 * d).sum(-1) - beta) + rho)  # (N, 3)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from .checkpoint import Checkpoint
 from .errors import AminnError
-from .evaluate import Evaluation, truth
+from .evaluate import Evaluation, names_of, truth
 from .metrics import pose_size, signed_work
 
 if TYPE_CHECKING:
@@ -106,7 +106,7 @@ def run_report(result: Evaluation, checkpoints: list[Checkpoint], differences: d
 
     s = result.data.samples
     held = s["stable"] > 0
-    learned = [c.model.kind for c in checkpoints]
+    learned = names_of(checkpoints)
 
     counted = {name: (result.predictions[name].dx, result.predictions[name].stable) for name in learned}
     counted["label"] = (s["dx_ht"], held)
@@ -122,7 +122,7 @@ def run_report(result: Evaluation, checkpoints: list[Checkpoint], differences: d
         signed_work_translational=work(full=False),
         true_dx=s["dx_ht"][held],
         predicted_dx={name: result.predictions[name].dx[held] for name in (*learned, "analytical")},
-        histories={c.model.kind: c.meta["history"] for c in checkpoints},
+        histories={name: c.meta["history"] for name, c in zip(learned, checkpoints, strict=True)},
         grasp=_example_grasp(result),
         verification=differences,
         dataset=_report_data(result.labels, result.data.manifest),

@@ -20,7 +20,7 @@ import numpy as np
 from .checkpoint import write_json
 from .cli import Messages
 from .dataset import Dataset, load_dataset
-from .evaluate import compare, format_columns
+from .evaluate import compare, format_columns, label_figures
 from .mechanics import MechanicsConfig
 from .metrics import COLUMNS
 from .pipeline import anew_if_outdated, run_simulation
@@ -96,9 +96,14 @@ def _gather(runs: list[dict[str, dict[str, Figures]]], name: str) -> dict[str, d
     rows: dict[str, dict[str, list[float]]] = {}
     for run in runs:
         for row, figures in run[name].items():
-            for key in COLUMNS:
-                rows.setdefault(row, {}).setdefault(key, []).append(figures[key])
+            for key, value in figures.items():
+                rows.setdefault(row, {}).setdefault(key, []).append(value)
     return rows
+
+
+def spread(values: list[float]) -> float:
+    """Standard deviation of a sample; 0 for a single value."""
+    return float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
 
 
 def _format(rows: dict[str, dict[str, list[float]]]) -> str:
@@ -108,7 +113,7 @@ def _format(rows: dict[str, dict[str, list[float]]]) -> str:
     ]
     for row, figures in rows.items():
         values = (
-            c.form.format(np.mean(figures[k])) + " ± " + c.form.format(np.std(figures[k])) for k, c in COLUMNS.items()
+            c.form.format(np.mean(figures[k])) + " ± " + c.form.format(spread(figures[k])) for k, c in COLUMNS.items()
         )
         cells.append([row, *values])
     return format_columns(cells)
@@ -135,13 +140,15 @@ def main(study: str, build: Path, seeds: int) -> None:
         **{f"{n}_n_samples": len(d) for n, d in data.items()},
     }
     for name in names:
+        part = data[name].split(SPLITS[study]) if name == "iid" else data[name]
+        report |= {f"{name}_label_{key}": value for key, value in label_figures(part).items()}
         rows = _gather(runs, name)
         click.echo(f"\n{name}\n{_format(rows)}")
         for row, figures in rows.items():
             for key, values in figures.items():
                 report |= {
                     f"{name}_{row}_{key}_mean": float(np.mean(values)),
-                    f"{name}_{row}_{key}_sd": float(np.std(values)),
+                    f"{name}_{row}_{key}_sd": spread(values),
                 }
     write_json(build / "reports" / f"{study}.json", report)
     click.echo(f"\nfigures: {build / 'reports' / f'{study}.json'}")

@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from safetensors.torch import load_file, save_file
+from safetensors import SafetensorError
+from safetensors.torch import load_file, save
 from torch import Tensor, nn
 from tqdm import tqdm
 
-from . import __version__
-from .checkpoint import META, Checkpoint, build_model, load_checkpoint, save_checkpoint, write_json
+from .checkpoint import META, Checkpoint, build_model, load_checkpoint, save_checkpoint, write_atomically, write_json
 from .dataset import Dataset
 from .errors import AminnError
 from .losses import LossWeights, pose_loss, structural_loss
@@ -28,6 +28,8 @@ from .model import ModelConfig
 from .nominal import nominal_from_hand
 from .predict import predict
 
+# To be raised with every change of the trainer that changes what a run results in.
+TRAINING_VERSION = 1
 RESUME, RESUME_META = "resume.safetensors", "resume.json"
 Inputs = dict[str, Tensor]
 
@@ -122,8 +124,12 @@ def _stages(model: nn.Module, config: TrainConfig, train: Dataset, validation: D
 
 
 def identity_of(config: TrainConfig, data_sha256: str) -> dict:
-    """What a run's result follows from, as JSON has it: program, configuration and data."""
-    return {"program": __version__, "config": json.loads(json.dumps(asdict(config))), "data_sha256": data_sha256}
+    """What a run's result follows from, as JSON has it: trainer, configuration and data."""
+    return {
+        "training_version": TRAINING_VERSION,
+        "config": json.loads(json.dumps(asdict(config))),
+        "data_sha256": data_sha256,
+    }
 
 
 class _Run:
@@ -134,22 +140,24 @@ class _Run:
         self.identity = identity_of(config, data_sha256)
 
     def save(self, state: dict[str, Tensor], progress: dict) -> None:
-        part = self.folder / (RESUME + ".part")
-        save_file({k: v.contiguous() for k, v in state.items()}, part)
-        part.replace(self.folder / RESUME)
+        write_atomically(self.folder / RESUME, save({k: v.contiguous() for k, v in state.items()}))
         write_json(self.folder / RESUME_META, self.identity | progress)
 
     def load(self) -> tuple[dict[str, Tensor], dict] | None:
         meta_file = self.folder / RESUME_META
         if not meta_file.is_file() or not (self.folder / RESUME).is_file():
             return None
-        progress = json.loads(meta_file.read_text())
+        try:
+            progress, state = json.loads(meta_file.read_text()), load_file(self.folder / RESUME)
+        except (json.JSONDecodeError, SafetensorError) as error:
+            raise AminnError(
+                f"{self.folder}: the unfinished run there is damaged ({error}); remove the folder"
+            ) from error
         if any(progress.get(k) != v for k, v in self.identity.items()):
             raise AminnError(
                 f"{self.folder}: holds an unfinished run with another configuration or data set; "
                 "remove the folder or give another one"
             )
-        state = load_file(self.folder / RESUME)
         # The two files are written one after the other: a cut between them leaves a pair that does not belong together.
         return (state, progress) if int(state["epoch"]) == progress["total_epochs"] else None
 

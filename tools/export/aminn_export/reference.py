@@ -88,8 +88,8 @@ class Reference:
         if self.meta["dq0"] == "inverse":
             regular = x["j_q"] + pair_of(self.meta["eps_jq"])[stage] * np.eye(3)
             motion = x["j_x"] @ dx0[:, None, :, None]  # (N, 3, 3, 1)
-            dq0 = np.asarray(-np.linalg.solve(regular, motion)[..., 0], np.float64)
-        dq0 = dq0 * self.t["coord_mask"] * x["contacts"][..., :1]
+            dq0 = np.asarray(-np.linalg.solve(regular, motion)[..., 0], np.float64) * x["contacts"][..., :1]
+        dq0 = dq0 * self.t["coord_mask"]
         d = springs["tendon_dir"]
         alpha, beta, rho = np.moveaxis(springs["gate_params"], -1, 0)
         gate = _sigmoid(alpha * ((dq0 * d).sum(-1) - beta) + rho)  # (N, 3)

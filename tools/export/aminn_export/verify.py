@@ -20,10 +20,11 @@ from numpy.typing import NDArray
 
 from aminn.dataset import SPLITS, Dataset, load_dataset, split_of
 from aminn.dims import INPUT_SHAPES, OUTPUT_SHAPES
+from aminn.dims import LENGTH_SCALE_M as LENGTH_M
 from aminn.errors import AminnError
 
 from .bin_model import BinModel, read_bin_model
-from .export import ONNX_FILE
+from .export import DEBUG_FILE, GOLDEN_FILE, ONNX_FILE
 from .firmware import build_firmware, run_firmware
 from .golden import inputs_of, run_onnx, single_thread_session
 from .reference import Reference
@@ -32,13 +33,14 @@ from .vectors import Results, read_results, read_vectors, write_vectors
 Array = NDArray[np.float64]
 Report = dict[str, float | int | bool | str]
 
-LENGTH_M = 0.1
 # What a displacement may differ by: a share of its own norm, which grows with the conditioning of K_x, and a floor.
 RELATIVE_LIMIT, CONDITION_LIMIT, FLOOR_M = 1e-4, 1e-7, 1e-9
 MEDIAN_LIMIT = 2e-6
 P_STABLE_LIMIT = 1e-5
 # Not what the model is for, but a wrong one must not pass: the gates, and K_x relative to its largest entry.
 GATE_LIMIT, K_X_LIMIT = 1e-2, 1e-3
+# Golden vectors against the model beside them, relative to an output's largest entry: rounding of another processor.
+GOLDEN_LIMIT = 1e-5
 TARGETS = {"host_bin": "host, .bin", "host_c": "host, .c", "cortex_m7": "Cortex-M7"}
 
 
@@ -68,7 +70,8 @@ def samples_of_dataset(dataset: Dataset, min_samples: int) -> Samples:
     parts = [np.flatnonzero(split == SPLITS.index(name)) for name in ("test", "validation", "train")]
     order = np.concatenate(parts)
     if len(order) < min_samples:
-        raise AminnError(f"verify: the data set has {len(order)} samples, {min_samples} are asked for; simulate more")
+        asked = f"the data set has {len(order)} samples, {min_samples} are asked for"
+        raise AminnError(f"verify: {asked}; simulate more, or ask for fewer with --samples")
     index = order[: max(min_samples, len(parts[0]))]
     grasp = dataset.samples["grasp_id"][index]
     return Samples(inputs_of(dataset.take(index)), lambda i: f"grasp {grasp[i]}, sample {index[i]} of the data set")
@@ -284,6 +287,22 @@ def _onnx_figures(exact: Exact) -> Report:
     }
 
 
+def check_files(export_dir: Path) -> list[str]:
+    """What is wrong with the golden vectors and the debug model beside the model, if they are there."""
+    golden, debug = export_dir / GOLDEN_FILE, export_dir / DEBUG_FILE
+    if not golden.is_file():
+        return []
+    vectors = read_vectors(golden)  # refuses a file whose CRC-32 is wrong
+    inputs = {name: vectors.inputs[name] for name in INPUT_SHAPES}
+    wrong = []
+    for file in (export_dir / ONNX_FILE, debug):
+        out = run_onnx(single_thread_session(file), inputs) if file.is_file() else vectors.reference
+        for name, reference in vectors.reference.items():
+            if not np.abs(out[name] - reference).max() <= GOLDEN_LIMIT * np.abs(reference).max():
+                wrong.append(f"{file.name}: {name} is not what {golden.name} holds")
+    return wrong
+
+
 # --- the command ----------------------------------------------------------------------------------------------------
 ROWS = (
     ("dx_relative_max", "dx_ht, relative, largest", "{:.2e}"),
@@ -332,7 +351,7 @@ def verify(
     exact = evaluate_exact(export_dir, model, samples.inputs)
     report: Report = {"samples": len(samples.inputs["q"])} | _onnx_figures(exact)
     replays = {"host_bin": _replay_bin, "host_c": _replay_c} | ({"cortex_m7": _replay_firmware} if firmware else {})
-    wrong: list[str] = []
+    wrong = check_files(export_dir)
     with tempfile.TemporaryDirectory(prefix="aminn-verify-") as folder:
         vectors = Path(folder) / "vectors.bin"
         write_vectors(vectors, {name: samples.inputs[name] for name in INPUT_SHAPES}, exact.onnx)
