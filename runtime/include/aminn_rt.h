@@ -211,8 +211,9 @@ typedef struct aminn_state {
     /* load on the tool: force (N), moment about the tool's origin (N.m), axes of H */
     float w_e[AMINN_N_WRENCH];
 
-    /* a row a branch: in contact (0 .. 1), position (m, H), unit normal into the tool (H), normal force (N). At least
-     * one branch must be in contact. A row whose flag is 0 has no influence; a flag between fades the branch in. */
+    /* a row a branch: in contact (0 .. 1), position (m, H), unit normal into the tool (H), normal force (N,
+     * >= 0; not checked). At least one branch must be in contact. A row whose flag is 0 has no influence; a flag between
+     * fades the branch in. A model knows what it was trained on: the reference model has seen three contacts alone. */
     float contacts[AMINN_N_BRANCH][AMINN_N_CONTACT_FEATURE];
 } aminn_state_t;
 
