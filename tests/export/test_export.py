@@ -42,7 +42,9 @@ def test_other_files_in_the_folder_stay(checkpoint_dir: Path, tmp_path: Path) ->
     }
 
 
-@pytest.mark.parametrize("prefix", ["2fast", "a-b", ""])
+@pytest.mark.parametrize(
+    "prefix", ["2fast", "a-b", "", "int", "namespace", "aminn_predict", "AMINN_OK", "aminn_model_t"]
+)
 def test_bad_prefix_leaves_nothing(checkpoint_dir: Path, tmp_path: Path, prefix: str) -> None:
     with pytest.raises(AminnError, match="prefix"):
         export(checkpoint_dir, tmp_path / "out", prefix)

@@ -17,7 +17,7 @@ from aminn_export.c_model import write_c_model
 from aminn_export.export import export
 from aminn_export.golden import run_onnx, single_thread_session
 from aminn_export.vectors import write_vectors
-from aminn_export.verify import limits, samples_of_dataset, scaled_condition, verify
+from aminn_export.verify import check_files, limits, samples_of_dataset, scaled_condition, verify
 
 
 @pytest.fixture(scope="module")
@@ -31,6 +31,23 @@ def vectors(export_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def copy(export_dir: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(export_dir, tmp_path / "copy"))
+
+
+def test_golden_vectors_and_debug_model_are_held_against_the_model(
+    export_dir: Path, copy: Path, vectors: Path, build_dir: Path
+) -> None:
+    x = random_inputs(20, 3)
+    write_vectors(copy / "golden.bin", x, run_onnx(single_thread_session(copy / "aminn.onnx"), x))
+    assert check_files(copy) == []
+    other = random_inputs(20, 4)
+    write_vectors(copy / "golden.bin", x, run_onnx(single_thread_session(copy / "aminn.onnx"), other))
+    report = verify(copy, vectors, build_dir, echo=lambda _: None)
+    assert not report["ok"] and "golden.bin" in report["failures"] and "aminn_debug.onnx" in report["failures"]
+    data = bytearray((copy / "golden.bin").read_bytes())
+    data[-1] ^= 1
+    (copy / "golden.bin").write_bytes(data)
+    with pytest.raises(AminnError, match=r"golden.bin"):
+        verify(copy, vectors, build_dir, echo=lambda _: None)
 
 
 def _tampered(model: RandomModel, name: str, factor: float) -> RandomModel:

@@ -155,6 +155,18 @@ def test_damaged_shard_is_named(dataset_dir: Path, tmp_path: Path) -> None:
         simulate(SimulationConfig(**SMALL), tmp_path / "data", progress=False)
 
 
+def test_changed_byte_in_a_finished_data_set_is_named(dataset_dir: Path, tmp_path: Path) -> None:
+    """HDF5 may read such a shard all the same; the manifest's hash tells, and is not renewed."""
+    copy = Path(shutil.copytree(dataset_dir, tmp_path / "copy"))
+    shard, manifest = copy / shard_name(0), (copy / "manifest.json").read_bytes()
+    data = bytearray(shard.read_bytes())
+    data[-1] ^= 1
+    shard.write_bytes(data)
+    with pytest.raises(SimulationError, match=r"shard-00000.h5: damaged"):
+        simulate(SimulationConfig(**SMALL), copy, progress=False)
+    assert (copy / "manifest.json").read_bytes() == manifest
+
+
 def test_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(SimulationError, match="cannot be made a data set folder"):
