@@ -49,7 +49,7 @@ class TrainConfig:
     learning_rate: float = 2e-3
     """Peak of the one-cycle cosine schedule."""
     weight_decay: float = 0.5
-    """AdamW's; large, since stage 1 overfits within ten epochs without."""
+    """AdamW's; without it the typical error is a little larger (docs/evaluation.md)."""
     gradient_clip: float = 1.0
     """Largest norm of a step's gradient."""
     loss: LossWeights = field(default_factory=LossWeights)
