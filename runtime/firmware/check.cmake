@@ -30,7 +30,7 @@ firmware(1 "usage" vectors.bin)
 firmware(1 "cannot open" none.bin results.bin)
 execute_process(COMMAND head -c 5000 vectors.bin WORKING_DIRECTORY "${WORK}" OUTPUT_FILE "${WORK}/short.bin")
 firmware(1 "truncated" short.bin results.bin)
-execute_process(COMMAND sh -c "{ head -c 5000 vectors.bin; printf XXXX; tail -c +5005 vectors.bin; } >damaged.bin"
+execute_process(COMMAND sh -c "{ head -c 5000 vectors.bin; printf ZZZZ; tail -c +5005 vectors.bin; } >damaged.bin"
   WORKING_DIRECTORY "${WORK}")
 firmware(1 "CRC-32" damaged.bin results.bin)
 if(EXISTS "${WORK}/results.bin")

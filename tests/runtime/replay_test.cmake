@@ -45,7 +45,7 @@ foreach(FILE IN ITEMS "${MODEL}" "${VECTORS}")
   file(SIZE "${FILE}" SIZE)
   math(EXPR REST "${SIZE} - 5004")
   execute_process(
-    COMMAND sh -c "head -c 5000 '${FILE}'; printf 'XXXX'; tail -c ${REST} '${FILE}'" OUTPUT_FILE "${WORK}/damaged.bin")
+    COMMAND sh -c "head -c 5000 '${FILE}'; printf 'ZZZZ'; tail -c ${REST} '${FILE}'" OUTPUT_FILE "${WORK}/damaged.bin")
   if(FILE STREQUAL MODEL)
     replay(1 "AMINN_E_CRC" "${WORK}/damaged.bin" "${VECTORS}" "${OUT}")
   else()

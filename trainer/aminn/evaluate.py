@@ -160,10 +160,15 @@ def format_table(evaluation: Evaluation) -> str:
     return format_columns(rows)
 
 
-def format_columns(rows: list[list[str]]) -> str:
-    """Rows of cells, the first two of them headings, as text; the first column is flush left, the others right."""
+def align_columns(rows: list[list[str]]) -> list[str]:
+    """Rows of cells as lines; the first column is flush left, the others right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows]
+    return ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows]
+
+
+def format_columns(rows: list[list[str]]) -> str:
+    """Rows of cells, the first two of them headings, as text with a rule under the headings."""
+    lines = align_columns(rows)
     return "\n".join([*lines[:2], "-" * len(lines[0]), *lines[2:]])
 
 

@@ -22,6 +22,7 @@ from aminn.dataset import SPLITS, Dataset, load_dataset, split_of
 from aminn.dims import INPUT_SHAPES, OUTPUT_SHAPES
 from aminn.dims import LENGTH_SCALE_M as LENGTH_M
 from aminn.errors import AminnError
+from aminn.evaluate import align_columns
 
 from .bin_model import BinModel, read_bin_model
 from .export import DEBUG_FILE, GOLDEN_FILE, ONNX_FILE
@@ -329,8 +330,7 @@ def format_report(report: Report) -> str:
         values = [report.get(f"{t}_{key}") for t in targets]
         if any(v is not None for v in values):
             rows.append([text, *("-" if v is None else form.format(v) for v in values)])
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    return "\n".join("  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows)
+    return "\n".join(align_columns(rows))
 
 
 def verify(
