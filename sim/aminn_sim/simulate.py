@@ -10,8 +10,10 @@ import dataclasses
 import hashlib
 import json
 import os
+import platform
 import sys
-from collections.abc import Callable
+from contextlib import closing
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -20,6 +22,7 @@ from tqdm import tqdm
 
 from . import _core
 from .config import TOOL_FAMILIES, SimulationConfig
+from .engines import ShardTask, find_engine
 from .errors import SimulationError
 from .schema import GRASP_FIELDS, SAMPLE_FIELDS, SCHEMA_VERSION, Field, field_table
 
@@ -47,6 +50,15 @@ def load_simulator() -> _core.Simulator:
         return _core.Simulator(str(model_folder() / "scene.xml"))
     except _core.MujocoError as error:
         raise SimulationError(f"the hand's model cannot be used: {error}") from error
+
+
+def _open_simulator(config: SimulationConfig, digest: str) -> _core.Simulator:
+    """The simulator of this machine, if it makes the data set of `digest`."""
+    if config_sha256(config) != digest:
+        raise SimulationError(
+            f"{platform.node()} has another version of the simulation or of its models; install the same there"
+        )
+    return load_simulator()
 
 
 def config_sha256(config: SimulationConfig) -> str:
@@ -87,16 +99,19 @@ def simulate(
     out_dir: Path | str,
     threads: int = 0,
     progress: bool = True,
+    engine: str = "threads",
 ) -> dict:
     """Simulate the data set of `config` into `out_dir` and return its manifest.
 
-    threads: 0 takes every core that this process may use. Complete shards of the same configuration are kept; a folder
-    with another configuration is an error. Interrupting (Ctrl-C) leaves the complete shards and no half-written file.
+    threads: 0 takes every core that this process may use. engine: one of `engines.ENGINES`; the bytes are the same.
+    Complete shards of the same configuration are kept; a folder with another configuration is an error. Interrupting
+    (Ctrl-C) leaves the complete shards and no half-written file.
     """
     out = Path(out_dir)
     if threads < 0:
         raise SimulationError(f"threads is {threads}, expected 0 (all cores) or more")
     threads = threads or len(os.sched_getaffinity(0))
+    run = find_engine(engine)
     digest = config_sha256(config)
     sizes = shard_sizes(config)
     _make_folder(out)
@@ -104,7 +119,7 @@ def simulate(
     _refuse_damaged_shards(out)
     if todo:
         (out / "manifest.json").unlink(missing_ok=True)  # it would describe shards that are about to change
-    simulator = load_simulator()
+    tasks = [ShardTask(config, n, sizes[n], partial(_open_simulator, config, digest)) for n in todo]
     total = config.grasps * config.cases
     done = total - sum(sizes[n] for n in todo) * config.cases
     interval = 0.2 if sys.stderr.isatty() else 10.0  # seconds between two states of the bar; few lines in a log
@@ -117,9 +132,16 @@ def simulate(
         smoothing=0.1,
         mininterval=interval,
     ) as bar:
-        for n in todo:
-            _simulate_shard(simulator, config, n, sizes[n], threads, digest, out / shard_name(n), _shard_progress(bar))
-    manifest = build_manifest(config, digest, simulator.hand(), out)
+        with closing(run(tasks, threads, lambda n: bar.update(done + n - bar.n))) as shards:
+            for task, result in shards:
+                attributes: dict[str, int | str] = {
+                    "schema_version": SCHEMA_VERSION,
+                    "config_sha256": digest,
+                    "shard": task.number,
+                    "n_grasps": task.grasps,
+                }
+                write_shard(out / shard_name(task.number), result["samples"], result["grasps"], attributes)
+    manifest = build_manifest(config, digest, load_simulator().hand(), out)
     _write_atomically(out / "manifest.json", (json.dumps(manifest, sort_keys=True, indent=1) + "\n").encode())
     return manifest
 
@@ -150,15 +172,6 @@ def _refuse_damaged_shards(out: Path) -> None:
             )
 
 
-def _shard_progress(bar: tqdm) -> Callable[[int], None]:
-    start = bar.n
-
-    def update(done: int) -> None:
-        bar.update(start + done - bar.n)
-
-    return update
-
-
 def _is_complete(path: Path, digest: str, grasps: int, config: SimulationConfig) -> bool:
     """Whether the shard is there and of this configuration. Raises SimulationError where it is of another one."""
     if not path.exists():
@@ -179,39 +192,6 @@ def _is_complete(path: Path, digest: str, grasps: int, config: SimulationConfig)
             "choose another folder or ask for at least as many grasps as before"
         )
     return count == grasps
-
-
-def _simulate_shard(
-    simulator: _core.Simulator,
-    config: SimulationConfig,
-    number: int,
-    grasps: int,
-    threads: int,
-    digest: str,
-    path: Path,
-    progress: Callable[[int], None],
-) -> None:
-    try:
-        result = simulator.shard(
-            config.options(),
-            config.seed,
-            number,
-            number * config.shard_grasps,
-            grasps,
-            config.cases,
-            threads,
-            config.family_indices(),
-            progress,
-        )
-    except RuntimeError as error:
-        raise SimulationError(f"shard {number}: {error}") from error
-    attributes: dict[str, int | str] = {
-        "schema_version": SCHEMA_VERSION,
-        "config_sha256": digest,
-        "shard": number,
-        "n_grasps": grasps,
-    }
-    write_shard(path, result["samples"], result["grasps"], attributes)
 
 
 def _checked(group: str, fields: dict[str, Field], arrays: Arrays) -> Arrays:

@@ -39,14 +39,16 @@ if ! "$venv/bin/python" -c 'import pip, sys; sys.exit(sys.version_info[:2] != (3
   "$python" -m venv "$venv"
 fi
 
-# The requirements of the build, of the program and of the developer, from the one place that states them.
+# The requirements of the build, of the program and of all its extras, from the one place that states them.
 mapfile -t requirements < <("$venv/bin/python" - <<'PY'
 import tomllib
 
 with open("pyproject.toml", "rb") as file:
     project = tomllib.load(file)
 names = project["build-system"]["requires"] + project["project"]["dependencies"]
-print(*names, *project["project"]["optional-dependencies"]["dev"], sep="\n")
+for extra in project["project"]["optional-dependencies"].values():
+    names += extra
+print(*names, sep="\n")
 PY
 )
 echo "Installing Python packages at the versions of constraints.txt (the first time a few minutes)"

@@ -55,6 +55,13 @@ def main() -> None:
 @click.option("--cases", type=click.IntRange(1), default=16, show_default=True, help="Load cases per grasp.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
 @click.option("--threads", type=click.IntRange(1), default=None, help="Worker threads  [default: all cores]")
+@click.option(
+    "--engine",
+    type=click.Choice(["threads", "ray"]),
+    default="threads",
+    show_default=True,
+    help="Threads here, or the Ray cluster of RAY_ADDRESS (else one started here). The bytes are the same.",
+)
 @click.option("--shard-grasps", type=click.IntRange(1), default=None, help="Grasps per shard.")
 @click.option("--family", "families", multiple=True, help="Tool family; may be repeated.  [default: all]")
 @click.option("--friction", type=(float, float), default=None, help="Least and greatest friction.")
@@ -64,6 +71,7 @@ def simulate(
     cases: int,
     seed: int,
     threads: int | None,
+    engine: str,
     shard_grasps: int | None,
     families: tuple[str, ...],
     friction: tuple[float, float] | None,
@@ -74,7 +82,7 @@ def simulate(
     settings = {"shard_grasps": shard_grasps, "families": families or None}
     settings |= {"friction_min": friction[0], "friction_max": friction[1]} if friction else {}
     given = {name: value for name, value in settings.items() if value is not None}
-    manifest = run_simulation(out, grasps, cases, seed, threads, **given)
+    manifest = run_simulation(out, grasps, cases, seed, threads, engine, **given)
     click.echo(f"{manifest['n_samples']} load cases of {manifest['n_grasps']} grasps in {out}")
 
 

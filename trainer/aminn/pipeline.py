@@ -39,17 +39,23 @@ def anew_if_outdated(folder: Path, work: Callable[[], T]) -> T:
 
 
 def run_simulation(
-    out: Path, grasps: int, cases: int, seed: int, threads: int | None = None, **settings: object
+    out: Path,
+    grasps: int,
+    cases: int,
+    seed: int,
+    threads: int | None = None,
+    engine: str = "threads",
+    **settings: object,
 ) -> dict:
     """Simulate a data set into folder `out`, or go on with an unfinished one; returns its manifest.
 
-    `settings` are further fields of `aminn_sim.SimulationConfig`.
+    `engine` is one of `aminn_sim.engines.ENGINES`; `settings` are further fields of `aminn_sim.SimulationConfig`.
     """
     from aminn_sim import SimulationConfig, SimulationError, simulate
 
     try:
         config = SimulationConfig(grasps=grasps, cases=cases, seed=seed, **settings)
-        return simulate(config, out, threads=threads or 0)
+        return simulate(config, out, threads=threads or 0, engine=engine)
     except SimulationError as error:
         raise AminnError(str(error)) from error
 

@@ -1,0 +1,171 @@
+"""Where shards are simulated: threads of this process, or the machines of a Ray cluster.
+
+An engine takes tasks and gives back each finished shard's arrays; the caller alone writes files, so that workers need
+no folder in common. Which engine ran cannot be told from a data set: a shard depends on its task alone.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import socket
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from types import ModuleType
+
+from . import _core
+from .config import SimulationConfig
+from .errors import SimulationError
+
+Progress = Callable[[int], None]
+"""Told now and then how many load cases of all tasks are done; an exception that it raises stops the engine."""
+
+RAY_OBJECT_STORE_BYTES = 100_000_000  # of a cluster of our own; a shard in flight takes about a megabyte
+RAY_TASKS_PER_CPU = 2  # in flight: one that runs and one that waits, so that no worker idles while a shard is written
+
+
+@dataclass(frozen=True)
+class ShardTask:
+    """All that a worker needs for one shard."""
+
+    config: SimulationConfig
+    number: int
+    grasps: int
+    open_simulator: Callable[[], _core.Simulator]
+    """Makes the simulator where the shard is simulated. Raises SimulationError where that is another one than here."""
+
+    @property
+    def cases(self) -> int:
+        """Load cases of the shard."""
+        return self.grasps * self.config.cases
+
+
+Finished = Generator[tuple[ShardTask, dict], None, None]
+"""Each task with what `Simulator.shard` gave for it, as they are finished; closing it stops the rest."""
+Engine = Callable[[Sequence[ShardTask], int, Progress], Finished]
+"""Called with tasks, workers and progress."""
+
+
+def simulate_task(task: ShardTask, simulator: _core.Simulator, threads: int, progress: Progress) -> dict:
+    """Arrays of one shard. Raises SimulationError with the shard's number where it cannot be simulated."""
+    config = task.config
+    try:
+        return simulator.shard(
+            config.options(),
+            config.seed,
+            task.number,
+            task.number * config.shard_grasps,
+            task.grasps,
+            config.cases,
+            threads,
+            config.family_indices(),
+            progress,
+        )
+    except RuntimeError as error:
+        raise SimulationError(f"shard {task.number}: {error}") from error
+
+
+def on_threads(tasks: Sequence[ShardTask], threads: int, progress: Progress) -> Finished:
+    """One shard after the other, its grasps shared by `threads` threads of this process."""
+    done = 0
+    for task in tasks:
+        yield task, simulate_task(task, task.open_simulator(), threads, partial(_add, progress, done))
+        done += task.cases
+
+
+def _add(progress: Progress, before: int, done: int) -> None:
+    progress(before + done)
+
+
+def _work(task: ShardTask) -> dict:
+    """A shard on one core of a Ray worker."""
+    return simulate_task(task, task.open_simulator(), 1, lambda done: None)
+
+
+def on_ray(tasks: Sequence[ShardTask], threads: int, progress: Progress) -> Finished:
+    """One shard a core of the cluster that RAY_ADDRESS names, or of one with `threads` cores started here.
+
+    Shards come back in any order. A worker that dies is replaced by Ray; what a worker raises ends the simulation.
+    """
+    ray = _import_ray()
+    ours = not ray.is_initialized()
+    if ours:
+        _connect(ray, threads)
+    # A node that is lost costs its shards a new start, an error of a worker would only come again.
+    remote = ray.remote(num_cpus=1, max_retries=3, retry_exceptions=False)(_work)
+    waiting, done = list(reversed(tasks)), 0
+    running: dict[object, ShardTask] = {}
+    try:
+        while waiting or running:
+            most = RAY_TASKS_PER_CPU * max(1, int(ray.cluster_resources().get("CPU", 1)))
+            while waiting and len(running) < most:
+                task = waiting.pop()
+                running[remote.remote(task)] = task
+            finished, _ = ray.wait(list(running), num_returns=1, timeout=1.0)
+            for reference in finished:
+                task = running.pop(reference)
+                result = _fetch(ray, reference, task)
+                done += task.cases
+                progress(done)
+                yield task, result
+    finally:
+        for reference in running:
+            ray.cancel(reference, force=True)  # also a worker that inherited an ignored SIGINT
+        if ours:
+            ray.shutdown()
+
+
+def _import_ray() -> ModuleType:
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # a simulation sends nothing anywhere
+    try:
+        return importlib.import_module("ray")
+    except ImportError as error:
+        raise SimulationError(
+            f"engine ray: the package ray cannot be imported ({error}); install it (pip install 'aminn[ray]'), or use "
+            "the engine threads"
+        ) from error
+
+
+def _connect(ray: ModuleType, threads: int) -> None:
+    quiet = {"log_to_driver": False, "logging_level": "ERROR"}
+    local = {"num_cpus": threads, "include_dashboard": False, "object_store_memory": RAY_OBJECT_STORE_BYTES}
+    address = os.environ.get("RAY_ADDRESS")
+    try:
+        if address:
+            _knock(address)
+        ray.init(address=address, **quiet) if address else ray.init(address="local", **quiet, **local)
+    except (OSError, RuntimeError, ValueError) as error:  # ConnectionError is an OSError
+        where = f"the cluster RAY_ADDRESS={address}" if address else "a cluster on this machine"
+        raise SimulationError(f"engine ray: {where} cannot be used ({error})") from error
+
+
+def _knock(address: str) -> None:
+    """Raise OSError where nothing listens at `host:port`: Ray itself would try for minutes and end the process."""
+    host, colon, port = address.removeprefix("ray://").rpartition(":")
+    if colon and port.isdecimal():
+        socket.create_connection((host, int(port)), timeout=10.0).close()
+
+
+def _fetch(ray: ModuleType, reference: object, task: ShardTask) -> dict:
+    try:
+        return ray.get(reference)
+    except ray.exceptions.RayTaskError as error:
+        cause = error.cause
+        if isinstance(cause, SimulationError):
+            raise SimulationError(str(cause)) from error
+        raise SimulationError(f"shard {task.number}: a worker failed: {error}") from error
+    except ray.exceptions.RayError as error:
+        raise SimulationError(f"shard {task.number}: {error}") from error
+
+
+ENGINES: dict[str, Engine] = {"threads": on_threads, "ray": on_ray}
+
+
+def find_engine(name: str) -> Engine:
+    """The engine of a name. Raises SimulationError where there is none, or where its package is not installed."""
+    if name not in ENGINES:
+        raise SimulationError(f"engine is {name!r}, expected one of {', '.join(ENGINES)}")
+    if name == "ray":
+        _import_ray()
+    return ENGINES[name]

@@ -1,0 +1,159 @@
+"""The engines: the same bytes from threads and from a Ray cluster, and errors that name the shard."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from small_data import SMALL
+
+from aminn.cli import simulate as command
+from aminn_sim import SimulationConfig, SimulationError, _core, engines, simulate
+from aminn_sim.engines import ENGINES, ShardTask
+from aminn_sim.simulate import load_simulator, shard_name
+
+ray = pytest.importorskip("ray", reason="the extra ray is not installed")
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[None]:
+    """Two workers on this machine."""
+    ray.init(address="local", num_cpus=2, include_dashboard=False, log_to_driver=False, logging_level="ERROR")
+    yield
+    ray.shutdown()
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {p.name: p.read_bytes() for p in folder.iterdir()}
+
+
+def test_ray_gives_the_bytes_of_threads(cluster: None, dataset_dir: Path, tmp_path: Path) -> None:
+    simulate(SimulationConfig(**SMALL), tmp_path / "data", progress=False, engine="ray")
+    assert files(tmp_path / "data") == files(dataset_dir)
+
+
+def test_ray_goes_on_with_what_threads_began(cluster: None, dataset_dir: Path, tmp_path: Path) -> None:
+    began = tmp_path / "data" / shard_name(0)
+    began.parent.mkdir()
+    began.write_bytes((dataset_dir / began.name).read_bytes())
+    time_before = began.stat().st_mtime_ns
+    simulate(SimulationConfig(**SMALL), began.parent, progress=False, engine="ray")
+    assert files(began.parent) == files(dataset_dir) and began.stat().st_mtime_ns == time_before
+
+
+def tasks(opener: object, count: int = 3) -> list[ShardTask]:
+    config = SimulationConfig(**SMALL)
+    return [ShardTask(config, n, 1, opener) for n in range(count)]
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_shard_that_cannot_be_made_is_named(cluster: None, engine: str) -> None:
+    config = SimulationConfig(**SMALL | {"grasp_attempts": 1, "contact_force_min_N": 1e6})
+    impossible = [ShardTask(config, 5, 1, load_simulator)]
+    with pytest.raises(SimulationError, match=r"^shard 5: grasp .*none of 1 attempts"):
+        list(ENGINES[engine](impossible, 1, lambda done: None))
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_an_error_of_the_worker_is_passed_on(cluster: None, engine: str) -> None:
+    def opener() -> _core.Simulator:  # local, so that Ray sends its code and not its name
+        raise SimulationError("node7 has another version")
+
+    with pytest.raises(SimulationError, match="node7 has another version"):
+        list(ENGINES[engine](tasks(opener), 1, lambda done: None))
+
+
+def test_a_worker_that_dies_is_told(cluster: None) -> None:
+    def die() -> _core.Simulator:
+        os._exit(3)
+
+    with pytest.raises(SimulationError, match=r"^shard 0: .*(died|crashed)"):
+        list(engines.on_ray(tasks(die, 1), 1, lambda done: None))
+
+
+def test_another_version_on_a_worker_is_refused(dataset_dir: Path, tmp_path: Path, monkeypatch) -> None:
+    """The digest that a task carries is compared where the shard is made."""
+    from aminn_sim.simulate import _open_simulator
+
+    with pytest.raises(SimulationError, match="another version of the simulation"):
+        _open_simulator(SimulationConfig(**SMALL), "0" * 64)
+
+
+def test_progress_counts_the_cases_of_all_shards(cluster: None) -> None:
+    config = SimulationConfig(**SMALL)
+    two = [ShardTask(config, n, 1, load_simulator) for n in range(2)]
+    for engine in ENGINES.values():
+        seen: list[int] = []
+        assert {task.number for task, _ in engine(two, 1, seen.append)} == {0, 1}
+        assert seen == sorted(seen) and seen[-1] == 2 * SMALL["cases"]
+
+
+def test_a_caller_that_stops_early_leaves_no_task_behind(cluster: None) -> None:
+    config = replace(SimulationConfig(**SMALL), cases=2000)
+    run = engines.on_ray(
+        [ShardTask(SimulationConfig(**SMALL), 0, 1, load_simulator)]
+        + [ShardTask(config, n, 4, load_simulator) for n in range(1, 6)],
+        1,
+        lambda done: None,
+    )
+    next(run)
+    run.close()
+    deadline = time.monotonic() + 30
+    while ray.available_resources().get("CPU", 0) < 2 and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert ray.available_resources().get("CPU", 0) == 2
+
+
+def test_interrupted_ray_simulation_goes_on(dataset_dir: Path, tmp_path: Path) -> None:
+    """Ctrl-C with a cluster of one's own: message, whole shards only, and the second run ends with the same bytes."""
+    folder, log = tmp_path / "data", tmp_path / "log"
+    words = [*"-m aminn.cli simulate --engine ray --threads 2 --grasps 60".split(), "--out", str(folder)]
+    words += [f"--{k.replace('_', '-')}={v}" for k, v in SMALL.items() if k != "grasps"]
+    starter = "import signal, runpy, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"
+    starter += "sys.argv = sys.argv[1:]; runpy.run_module('aminn.cli', run_name='__main__')"
+    with log.open("w") as stderr:
+        process = subprocess.Popen([sys.executable, "-c", starter, *words[1:]], stderr=stderr, start_new_session=True)
+        deadline = time.monotonic() + 90
+        while not list(folder.glob("*.h5")) and time.monotonic() < deadline:
+            time.sleep(0.02)
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does: the whole group
+        assert process.wait(timeout=60) == 1
+    assert "interrupted; the same command goes on" in log.read_text() and "Traceback" not in log.read_text()
+    names = sorted(p.name for p in folder.iterdir())
+    assert names and all(n.endswith(".h5") for n in names) and len(names) < 15
+    for name in {shard_name(0)} & set(names):
+        assert (folder / name).read_bytes() == (dataset_dir / name).read_bytes()
+
+
+def test_missing_package_is_named(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(SimulationError, match=r"ray cannot be imported.*pip install 'aminn\[ray\]'"):
+        simulate(SimulationConfig(**SMALL), tmp_path / "data", progress=False, engine="ray")
+    assert not (tmp_path / "data").exists()
+
+
+def test_unknown_engine_is_named(tmp_path: Path) -> None:
+    with pytest.raises(SimulationError, match="engine is 'spark', expected one of threads, ray"):
+        simulate(SimulationConfig(**SMALL), tmp_path / "data", progress=False, engine="spark")
+
+
+def test_cluster_out_of_reach_is_named(tmp_path: Path) -> None:
+    arguments = [sys.executable, "-m", "aminn.cli", "simulate", "--engine", "ray", "--out", str(tmp_path / "data")]
+    result = subprocess.run(
+        arguments, env=os.environ | {"RAY_ADDRESS": "127.0.0.1:1"}, capture_output=True, text=True, timeout=120
+    )
+    assert result.returncode == 1 and "RAY_ADDRESS=127.0.0.1:1 cannot be used" in result.stderr, result.stderr
+
+
+def test_command_line_offers_every_engine() -> None:
+    option = next(p for p in command.params if p.name == "engine")
+    assert list(option.type.choices) == list(ENGINES)
+    assert "ray" in CliRunner().invoke(command, ["--help"]).output
