@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import io
 import json
 import os
 import platform
@@ -147,12 +148,18 @@ def simulate(
 
 
 def _make_folder(out: Path) -> None:
+    """Make `out` and see that it can be written to, before time goes into simulating."""
     try:
         out.mkdir(parents=True, exist_ok=True)
+        for leftover in out.glob("*.partial"):
+            leftover.unlink()
+        probe = out / "probe.partial"
+        probe.touch()
+        probe.unlink()
     except OSError as error:
-        raise SimulationError(f"{out}: cannot be made a data set folder ({error})") from error
-    for leftover in out.glob("*.partial"):
-        leftover.unlink()
+        raise SimulationError(
+            f"{out}: cannot be made a data set folder ({error.strerror}); choose one that you may write to"
+        ) from error
 
 
 def _refuse_damaged_shards(out: Path) -> None:
@@ -209,24 +216,34 @@ def _checked(group: str, fields: dict[str, Field], arrays: Arrays) -> Arrays:
 
 def write_shard(path: Path, samples: Arrays, grasps: Arrays, attributes: dict[str, int | str]) -> None:
     """Write one shard, complete or not at all. Equal content gives equal bytes."""
-    partial = path.with_name(path.name + ".partial")
-    try:
-        with h5py.File(partial, "w", libver=("earliest", "v110")) as file:
-            for name, value in attributes.items():
-                file.attrs[name] = value
-            for group, fields, arrays in (("samples", SAMPLE_FIELDS, samples), ("grasps", GRASP_FIELDS, grasps)):
-                for name, array in _checked(group, fields, arrays).items():
-                    file.create_dataset(f"{group}/{name}", data=array, track_times=False)
-        partial.replace(path)
-    except BaseException:
-        partial.unlink(missing_ok=True)
-        raise
+    image = io.BytesIO()  # HDF5 itself does not survive a disk that is full
+    with h5py.File(image, "w", libver=("earliest", "v110")) as file:
+        for name, value in attributes.items():
+            file.attrs[name] = value
+        for group, fields, arrays in (("samples", SAMPLE_FIELDS, samples), ("grasps", GRASP_FIELDS, grasps)):
+            for name, array in _checked(group, fields, arrays).items():
+                file.create_dataset(f"{group}/{name}", data=array, track_times=False)
+    _write_atomically(path, image.getvalue())
 
 
 def _write_atomically(path: Path, content: bytes) -> None:
+    """The file is there whole or not at all, whatever ends the program or the machine."""
     partial = path.with_name(path.name + ".partial")
-    partial.write_bytes(content)
-    partial.replace(path)
+    try:
+        with partial.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(path)
+    except OSError as error:
+        partial.unlink(missing_ok=True)
+        raise SimulationError(
+            f"{path}: cannot be written ({error.strerror}); make room or choose another folder, then repeat the "
+            "command: it goes on where it stopped"
+        ) from error
+    except BaseException:
+        partial.unlink(missing_ok=True)
+        raise
 
 
 def build_manifest(config: SimulationConfig, digest: str, hand: dict, out: Path) -> dict:
