@@ -11,6 +11,7 @@ CASES   ?= 16
 SEED    ?= 0
 SEEDS   ?= 5
 FUZZ_SECONDS ?= 60
+KILLS   ?= 50
 THREADS ?= $(JOBS)
 # Further arguments for pip, e.g. --extra-index-url of PyTorch's CPU-only builds.
 PIP_ARGS ?=
@@ -103,6 +104,11 @@ size: firmware ## code, data, stack and model bytes on the Cortex-M7, with their
 fuzz: $(STAMPS)/fuzz ## the library against arbitrary models and inputs, with clang's fuzzer and sanitizers (FUZZ_SECONDS=60)
 	@python3 tests/fuzz/run.py --build $(FUZZ) --seconds $(FUZZ_SECONDS) --report $(REPORTS)/fuzz.json
 	@echo "No crash. Report: $(REPORTS)/fuzz.json"
+
+.PHONY: crash
+crash: setup-python ## a simulation killed at random moments (KILLS=50), resumed, and compared with an undisturbed one
+	@$(PYTHON) tests/sim/crash.py --kills $(KILLS) --report $(REPORTS)/crash.json
+	@echo "Report: $(REPORTS)/crash.json"
 
 .PHONY: fidelity
 fidelity: setup-python ## the formula with the true stiffnesses against simulation; noise of the labels (GRASPS=, ...)

@@ -1,0 +1,23 @@
+"""A killed simulation leaves whole shards and goes on to the same bytes. `make crash` does this 50 times."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from crash import Crash
+
+
+def test_killed_at_random_moments(tmp_path: Path) -> None:
+    crash = Crash(tmp_path, seed=1, grasps=12, shard_grasps=4, cases=4)
+    while crash.figures["kills"] < 3:
+        crash.kill(while_writing=crash.figures["kills"] == 2)
+    assert crash.finish()["finished_data_sets"] >= 1
+
+
+def test_a_damaged_shard_would_be_found(tmp_path: Path) -> None:
+    crash = Crash(tmp_path, seed=1, grasps=8, shard_grasps=8, cases=2)
+    crash.folder.mkdir()
+    (crash.folder / "shard-00000.h5").write_bytes((tmp_path / "whole" / "shard-00000.h5").read_bytes()[:-1])
+    with pytest.raises(AssertionError):
+        crash.finish()
