@@ -6,7 +6,7 @@ VENV    := .venv
 JOBS    ?= $(shell nproc)
 # Variables of single targets (make help shows them).
 PREFIX  ?= /usr/local
-GRASPS  ?= 1000
+GRASPS  ?= 6250
 CASES   ?= 16
 SEED    ?= 0
 SEEDS   ?= 5
@@ -110,11 +110,11 @@ crash: setup-python ## a simulation killed at random moments (KILLS=50), resumed
 	@$(PYTHON) tests/sim/crash.py --kills $(KILLS) --report $(REPORTS)/crash.json
 	@echo "Report: $(REPORTS)/crash.json"
 
-.PHONY: fidelity
-fidelity: setup-python ## the formula with the true stiffnesses against simulation; noise of the labels (GRASPS=, ...)
+.PHONY: sim
+sim: setup-python ## the simulation judged: theory against it, labels, speed; on build/dataset
 	@[ -f $(BUILD)/dataset/manifest.json ] || $(MAKE) --no-print-directory dataset
-	@$(PYTHON) -m aminn_sim.fidelity --data $(BUILD)/dataset --out $(REPORTS)/fidelity.json
-	@echo "Report: $(REPORTS)/fidelity.json"
+	@$(PYTHON) -m aminn_sim.figures --data $(BUILD)/dataset --out $(REPORTS)/sim.json
+	@echo "Report: $(REPORTS)/sim.json"
 
 .PHONY: install
 install: setup-host ## the C library, header, CMake package and aminn_rt.pc (PREFIX=/usr/local)

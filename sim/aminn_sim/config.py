@@ -10,6 +10,7 @@ from . import _core
 from .errors import SimulationError
 
 TOOL_FAMILIES: tuple[str, ...] = _core.TOOL_FAMILIES
+_MAY_BE_ZERO = ("seed", "share_force", "share_moment", "share_point_force", "noise_share")
 
 
 @dataclass(frozen=True)
@@ -25,15 +26,19 @@ class SimulationConfig:
     shard_grasps: int = 32
     """Grasps a shard file; the last shard may hold fewer."""
     families: tuple[str, ...] = TOOL_FAMILIES
-    """Tool families to draw from: handle (capsule), block (box), ball (sphere)."""
+    """Tool families to draw from: cylinder, capsule, ellipsoid, screwdriver (grip with a round butt, and shaft)."""
 
+    radius_min_m: float = 0.008
+    """Least radius (half thickness between the fingers) of a tool; which one it gets follows from the posture."""
+    radius_max_m: float = 0.025
+    """Greatest radius."""
     mass_min_kg: float = 0.02
     """Lightest tool; log-uniform up to `mass_max_kg`."""
-    mass_max_kg: float = 0.2
+    mass_max_kg: float = 0.3
     """Heaviest tool."""
     friction_min: float = 0.4
     """Least Coulomb friction between tool and fingertip; uniform up to `friction_max`."""
-    friction_max: float = 1.0
+    friction_max: float = 1.1
     """Greatest Coulomb friction."""
     pinch_force_min_N: float = 3.0
     """Least force of the thumb on the tool; log-uniform up to `pinch_force_max_N`. The fingers share the reaction."""
@@ -46,9 +51,9 @@ class SimulationConfig:
     """Time at full tension before the tool is let go."""
     release_s: float = 0.15
     """Time in which the hold on the tool fades; the tendons' commands stand still from here on."""
-    grasp_settle_max_s: float = 1.0
+    grasp_settle_max_s: float = 2.0
     """Longest time a released grasp may take to come to rest."""
-    grasp_drift_max_m_s: float = 2e-5
+    grasp_drift_max_m_s: float = 2e-6
     """Speed of the tool in the hand (rotation times 0.1 m added) below which a grasp is at rest."""
     grasp_shift_max_m: float = 0.012
     """Grasps whose tool moved further than this from where it was put are drawn again."""
@@ -56,30 +61,36 @@ class SimulationConfig:
     """The same for rotation."""
     contact_force_min_N: float = 0.5
     """Grasps with a weaker contact are drawn again."""
-    grasp_attempts: int = 200
+    grasp_attempts: int = 500
     """Draws for one grasp before the simulation gives up."""
 
-    force_max_N: float = 18.0
+    force_min_N: float = 0.1
+    """Least load force; log-uniform up to `force_max_N`, direction uniform on the sphere."""
+    force_max_N: float = 20.0
     """Greatest load force."""
-    moment_max_Nm: float = 0.35
-    """Greatest load moment."""
-    load_decades: float = 2.0
-    """Force and moment are log-uniform over this many decades below their greatest value."""
-    share_force_only: float = 0.35
-    """Share of load cases without a moment."""
-    share_moment_only: float = 0.20
-    """Share of load cases without a force; the rest have both."""
+    moment_min_Nm: float = 0.0025
+    """Least load moment; log-uniform up to `moment_max_Nm`, direction uniform on the sphere."""
+    moment_max_Nm: float = 0.5
+    """Greatest load moment, that of a force at a point included."""
+    share_force: float = 0.25
+    """Share of load cases with a force at the tool frame's origin."""
+    share_moment: float = 0.20
+    """Share of load cases with a moment alone."""
+    share_point_force: float = 0.30
+    """Share of load cases with a force at a random point of the tool's surface; the rest have force and moment."""
 
     ramp_s: float = 0.20
     """Time in which the load rises."""
-    hold_s: float = 0.25
-    """Time at full load before the tool's speed is judged."""
-    hold_extra_s: float = 0.40
-    """Further time for a tool that is still moving then."""
+    hold_s: float = 0.15
+    """Least time at full load."""
+    hold_max_s: float = 2.0
+    """Longest time at full load, for a tool that has not come to rest."""
     drift_window_s: float = 0.05
     """Time over which a speed is taken."""
-    drift_max_m_s: float = 1e-4
-    """Speed of the tool (rotation times 0.1 m added) below which a load case has settled."""
+    drift_stop_m_s: float = 1e-6
+    """A case ends where the tool's speed (rotation times 0.1 m added) falls below this after `hold_s`."""
+    drift_max_m_s: float = 2e-5
+    """A tool that is still faster than this at the end has not settled."""
     lost_contact_s: float = 0.02
     """A contact that is open for longer is lost."""
     translation_max_m: float = 0.010
@@ -90,6 +101,8 @@ class SimulationConfig:
     """A case stops where it passes a bound by this factor; up to there a bound can be raised without simulating."""
     tool_left_m: float = 0.05
     """A tool that moved further, or that no fingertip touches any more, has left the hand."""
+    noise_share: float = 0.02
+    """Share of load cases that are simulated again at half the time step and at ten times impratio."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "families", tuple(self.families))
@@ -107,7 +120,7 @@ class SimulationConfig:
                 raise SimulationError(f"configuration: {field.name} is {value!r}, expected an integer")
             if field.name == "seed" and not 0 <= value < 2**64:
                 raise SimulationError(f"configuration: seed is {value}, expected 0 to 2^64 - 1")
-            if field.name not in ("seed", "share_force_only", "share_moment_only") and value <= 0:
+            if field.name not in _MAY_BE_ZERO and value <= 0:
                 raise SimulationError(f"configuration: {field.name} is {value}, expected more than 0")
 
     def _check_ranges(self) -> None:
@@ -119,20 +132,25 @@ class SimulationConfig:
         if len(set(self.families)) != len(self.families):
             raise SimulationError(f"configuration: families {list(self.families)} names one twice")
         for low, high in (
+            ("radius_min_m", "radius_max_m"),
             ("mass_min_kg", "mass_max_kg"),
             ("friction_min", "friction_max"),
             ("pinch_force_min_N", "pinch_force_max_N"),
+            ("force_min_N", "force_max_N"),
+            ("moment_min_Nm", "moment_max_Nm"),
+            ("drift_stop_m_s", "drift_max_m_s"),
+            ("hold_s", "hold_max_s"),
         ):
             if getattr(self, low) > getattr(self, high):
                 raise SimulationError(
                     f"configuration: {low} {getattr(self, low)} is above {high} {getattr(self, high)}"
                 )
-        shares = (self.share_force_only, self.share_moment_only)
-        if min(shares) < 0 or sum(shares) > 1:
-            raise SimulationError(
-                f"configuration: share_force_only {shares[0]} and share_moment_only {shares[1]} must be 0 or more "
-                "and at most 1 together"
-            )
+        shares = {name: getattr(self, name) for name in ("share_force", "share_moment", "share_point_force")}
+        if min(shares.values()) < 0 or sum(shares.values()) > 1:
+            text = ", ".join(f"{name} {value}" for name, value in shares.items())
+            raise SimulationError(f"configuration: {text} must be 0 or more and at most 1 together")
+        if not 0 <= self.noise_share <= 1:
+            raise SimulationError(f"configuration: noise_share is {self.noise_share}, expected 0 to 1")
         if self.drift_window_s > self.hold_s:
             raise SimulationError(
                 f"configuration: drift_window_s {self.drift_window_s} is longer than hold_s {self.hold_s}"

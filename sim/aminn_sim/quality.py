@@ -5,71 +5,116 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
 
+from . import _core
 from .config import SimulationConfig
 from .errors import SimulationError
-from .simulate import load_simulator
+from .read import Array, SimulatedData
+from .theory import ROTATION_ARM_M, relative_error
 
-Array = NDArray[np.float64]
-_SCALE = np.array([1.0, 1.0, 1.0, 0.1, 0.1, 0.1])  # rotations count by an arm of 0.1 m
+_SCALE = np.array([1.0] * 3 + [ROTATION_ARM_M] * 3)
 
 
 def _percentiles(name: str, values: Array, which: tuple[int, ...]) -> dict[str, float]:
     return {f"{name}_{'median' if p == 50 else f'p{p:02d}'}": float(np.percentile(values, p)) for p in which}
 
 
-def dataset_figures(manifest: dict, samples: dict[str, Array], grasps: dict[str, Array]) -> dict[str, float]:
-    """Shares of labels, sizes of stable motions, tendons that change state, and the labels' own quality."""
-    stable = samples["stable"] == 1
+def dataset_figures(data: SimulatedData) -> dict[str, float]:
+    """Shares of labels and rejections, sizes of stable motions, passivity, tendons, and the labels' quality."""
+    stable = data.samples["stable"] == 1
     if not stable.any():
         raise SimulationError("figures: the data set has no stable sample")
-    w, dx = samples["w_e"], samples["dx_ht"]
-    row = np.searchsorted(grasps["grasp_id"], samples["grasp_id"])
-    out = {"dataset_samples": float(len(stable)), "dataset_grasps": float(len(grasps["grasp_id"]))}
-    for index, reason in enumerate(manifest["reasons"]):
-        out[f"share_{reason}"] = float((samples["reason"] == index).mean())
-    for index, family in enumerate(manifest["tool_families"]):
-        mine = grasps["tool_family"][row] == index
-        if mine.any():
-            out[f"share_stable_{family}"] = float(stable[mine].mean())
+    out = {"dataset_samples": float(len(stable)), "dataset_grasps": float(len(data.grasps["grasp_id"]))}
+    return out | _shares(data, stable) | _motions(data, stable) | _tendons(data, stable) | _quality(data, stable)
 
+
+def _shares(data: SimulatedData, stable: Array) -> dict[str, float]:
+    out = {}
+    for index, reason in enumerate(data.manifest["reasons"]):
+        out[f"share_{reason}"] = float((data.samples["reason"] == index).mean())
+    family = data.of_grasp("tool_family")
+    for index, name in enumerate(data.manifest["tool_families"]):
+        if (family == index).any():
+            out[f"share_stable_{name}"] = float(stable[family == index].mean())
+    rejected = data.grasps["rejections"].sum(0)
+    grasps = len(data.grasps["grasp_id"])
+    out["grasp_yield"] = grasps / float(grasps + rejected.sum())
+    for reason, count in zip(data.manifest["rejection_reasons"], rejected, strict=True):
+        out[f"rejections_a_grasp_{reason}"] = float(count) / grasps
+    return out
+
+
+def _motions(data: SimulatedData, stable: Array) -> dict[str, float]:
+    w, dx = data.samples["w_e"], data.samples["dx_ht"]
     translation, rotation = np.linalg.norm(dx[:, :3], axis=1), np.linalg.norm(dx[:, 3:], axis=1)
     force, moment = np.linalg.norm(w[:, :3], axis=1), np.linalg.norm(w[:, 3:], axis=1)
     pure = stable & (force > 0) & (moment == 0)
-    out |= _percentiles("stable_translation_m", translation[stable], (5, 50, 95))
+    out = _percentiles("stable_translation_m", translation[stable], (5, 50, 95))
     out |= _percentiles("stable_rotation_rad", rotation[stable], (5, 50, 95))
     if pure.any():
         out |= _percentiles("compliance_m_N", translation[pure] / force[pure], (5, 50, 95))
     out["negative_full_work_share"] = float(((w * dx).sum(1) < 0)[stable].mean())
     out["negative_translational_work_share"] = float(((w[:, :3] * dx[:, :3]).sum(1) < 0)[stable].mean())
-
-    before, after = grasps["tendon_tension_N"][row] > 0, samples["tendon_tension_after_N"] > 0
-    out["tendon_changes_state_share"] = float((before != after).any(1)[stable].mean())
-    out["proximal_flexor_slack_share"] = float((grasps["tendon_tension_N"][:, 0::2] == 0).mean())
-    out["distal_flexor_slack_share"] = float((~after[stable][:, 1::2]).mean())
-
-    early = np.linalg.norm((dx - samples["dx_ht_early"]) * _SCALE, axis=1) / np.linalg.norm(dx * _SCALE, axis=1)
-    out |= _percentiles("early_displacement_relative", early[stable], (50, 99))
-    for name in ("creep_rate_m_s", "worst_penetration_m"):
-        out |= _percentiles(name, samples[name][stable], (50, 99))
     return out
 
 
-def label_noise(config: SimulationConfig, threads: int, grasps: int = 24, cases: int = 10) -> dict[str, float]:
-    """The same load cases with the configured hold and with one of 2 s: labels that differ, displacements apart."""
-    longer = dataclasses.replace(config, hold_s=2.0)
-    simulator = load_simulator()
+def _tendons(data: SimulatedData, stable: Array) -> dict[str, float]:
+    """Taut or slack, over the stable load cases: after the load, and changed by it."""
+    before, after = data.of_grasp("tendon_tension_N") > 0, data.samples["tendon_tension_after_N"] > 0
+    proximal = after[stable][:, 0::2]
+    return {
+        "cases_with_a_slack_tendon_share": float((~after[stable]).any(1).mean()),
+        "cases_with_all_tendons_taut_share": float(after[stable].all(1).mean()),
+        "cases_tendon_changes_state_share": float((before != after).any(1)[stable].mean()),
+        "proximal_flexors_slack_share": float((~proximal).mean()),
+        "proximal_flexors_taut_share": float(proximal.mean()),
+        "distal_flexors_slack_share": float((~after[stable][:, 1::2]).mean()),
+    }
+
+
+def _quality(data: SimulatedData, stable: Array) -> dict[str, float]:
+    s, out = data.samples, {}
+    for name in ("creep_rate_m_s", "drift_m_s", "worst_penetration_m", "settle_time_s", "hold_time_s"):
+        out |= _percentiles(name, s[name][stable], (50, 99))
+    for name in ("equilibrium_residual", "solver_residual"):
+        out |= _percentiles(name, s[name][stable], (50, 99)) | {f"{name}_max": float(s[name][stable].max())}
+    return out | noise_figures(data)
+
+
+def noise_figures(data: SimulatedData) -> dict[str, float]:
+    """How far labels move when the same case is simulated at half the time step or at ten times impratio."""
+    rows = data.noise["sample"].astype(int)
+    if len(rows) == 0:
+        return {}
+    stable, dx = data.samples["stable"][rows], data.samples["dx_ht"][rows]
+    out = {"noise_cases": float(len(rows))}
+    for name in ("half_step", "impratio"):
+        other = data.noise[f"stable_{name}"]
+        both = (stable == 1) & (other == 1)
+        out[f"noise_{name}_labels_changed_share"] = float((stable != other).mean())
+        if both.any():
+            apart = data.noise[f"dx_{name}"][both] - dx[both]
+            out |= _percentiles(f"noise_{name}_relative", relative_error(dx[both] + apart, dx[both]), (50, 90, 99))
+            out[f"noise_{name}_rmse_pose"] = float(np.sqrt(np.mean(np.sum((apart * _SCALE / 0.1) ** 2, 1))))
+    return out
+
+
+def waiting_figures(
+    simulator: _core.Simulator, config: SimulationConfig, threads: int, grasps: int, cases: int
+) -> dict[str, float]:
+    """The same load cases held at least as long as `hold_max_s`, and given up after twice that: labels that change."""
+    config = dataclasses.replace(config, noise_share=0.0)
+    longer = dataclasses.replace(config, hold_s=config.hold_max_s, hold_max_s=2 * config.hold_max_s)
     short, long = (
         simulator.shard(c.options(), c.seed, 0, 0, grasps, cases, threads, c.family_indices())["samples"]
         for c in (config, longer)
     )
     both = (short["stable"] == 1) & (long["stable"] == 1)
-    apart = np.linalg.norm((short["dx_ht"] - long["dx_ht"]) * _SCALE, axis=1)
-    relative = (apart / np.linalg.norm(long["dx_ht"] * _SCALE, axis=1))[both]
+    doubled = long["hold_time_s"][both] >= 2 * short["hold_time_s"][both]
     return {
-        "long_hold_cases": float(grasps * cases),
-        "long_hold_labels_changed": float((short["stable"] != long["stable"]).sum()),
-        **_percentiles("long_hold_relative", relative, (50, 99)),
-        **_percentiles("long_hold_creep_m_s", long["creep_rate_m_s"][both], (50, 99)),
+        "waiting_cases": float(grasps * cases),
+        "waiting_at_least_doubled_share": float(doubled.mean()),
+        "waiting_labels_changed_share": float((short["stable"] != long["stable"]).mean()),
+        **_percentiles("waiting_relative", relative_error(long["dx_ht"][both], short["dx_ht"][both]), (50, 99)),
+        **_percentiles("waiting_creep_rate_m_s", long["creep_rate_m_s"][both], (50, 99)),
     }

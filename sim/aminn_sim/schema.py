@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-SCHEMA_VERSION = 1
+from . import _core
+
+SCHEMA_VERSION = 2
 
 
 @dataclass(frozen=True)
@@ -25,15 +27,13 @@ SAMPLE_FIELDS: dict[str, Field] = {
     "q": Field((8,), "rad", "", "joint angles of the settled grasp, before the load"),
     "x_ht": Field((6,), "m, rad", "H", "tool pose before the load: position, rotation vector"),
     "w_e": Field((6,), "N, N.m", "H", "load on the tool: force, moment about the tool frame's origin"),
+    "load_point_m": Field((3,), "m", "H", "point that the load's force acts at; the tool frame's origin unless drawn"),
     "contacts": Field(
         (3, 8), "1, m, 1, N", "H", "per branch: in contact, position, unit normal into the tool, normal force"
     ),
     "j_x": Field((3, 3, 6), "1, m", "H", "closure Jacobian, tool side: [I | -[r]x], r from tool origin to contact"),
     "j_q": Field((3, 3, 3), "m", "H", "closure Jacobian, joint side: -B, columns roll, proximal, distal"),
     "dx_ht": Field((6,), "m, rad", "H", "displacement by the load: translation, rotation vector of R_after R_before^T"),
-    "dx_ht_early": Field(
-        (6,), "m, rad", "H", "the same half-way through the hold; its distance from dx_ht is label noise"
-    ),
     "q_after": Field((8,), "rad", "", "joint angles at the end"),
     "tendon_tension_after_N": Field((6,), "N", "", "tendon tensions at the end; 0 is slack"),
     "stable": Field((), "1", "", "1 = the grasp holds", _FLAG),
@@ -45,12 +45,17 @@ SAMPLE_FIELDS: dict[str, Field] = {
     "tool_left": Field((), "1", "", "no fingertip touched the tool, or it moved further than tool_left_m", _FLAG),
     "settled": Field((), "1", "", "drift fell below its bound", _FLAG),
     "other_contact": Field((), "1", "", "the tool touched something other than a fingertip", _FLAG),
-    "creep_rate_m_s": Field(
-        (), "m/s", "H", "mean speed of the tool's origin from half-way through the hold to the end"
+    "creep_rate_m_s": Field((), "m/s", "H", "speed of the tool's origin over the last window"),
+    "lost_time_s": Field(
+        (3,), "s", "", "per branch: when its contact opened, from the start of the load; -1: not lost"
+    ),
+    "equilibrium_residual": Field(
+        (), "1", "H", "what contact forces, weight and load leave on the tool at the end, relative to the load"
     ),
     "worst_penetration_m": Field((), "m", "", "deepest penetration at any time"),
     "solver_residual": Field((), "1", "", "scaled change of cost in the constraint solver's last iteration"),
     "hold_time_s": Field((), "s", "", "time at full load; shorter than hold_s where the case was stopped as lost"),
+    "settle_time_s": Field((), "s", "", "time at full load after which the drift stayed below its bound; -1: never"),
 }
 
 GRASP_FIELDS: dict[str, Field] = {
@@ -58,8 +63,15 @@ GRASP_FIELDS: dict[str, Field] = {
     "psi": Field((3,), "1", "", "synergy coordinates of the pre-shape: size, spread, curl"),
     "tool_family": Field((), "1", "", "index into `tool_families`", "i1"),
     "tool_size_m": Field(
-        (3,), "m", "T", "half extents along the tool's axes; x is its long axis, y between the fingers"
+        (3,), "m", "T", "half extents of the part that is held; x is the tool's long axis, y between the fingers"
     ),
+    "tool_geoms": Field(
+        (3, 11),
+        "1, m, m, 1",
+        "T",
+        "primitives: MuJoCo's geom type (-1: none), its size (3), position (3), quaternion (4)",
+    ),
+    "tool_inertia_kg_m2": Field((3,), "kg.m^2", "T", "principal moments of inertia about the tool's origin"),
     "tool_mass_kg": Field((), "kg", "", "mass, uniform density"),
     "friction": Field((), "1", "", "Coulomb friction between tool and fingertips"),
     "pinch_force_N": Field((), "N", "", "force asked of the thumb when the hand closed"),
@@ -68,16 +80,38 @@ GRASP_FIELDS: dict[str, Field] = {
     "gravity_m_s2": Field((3,), "m/s^2", "H", "gravity"),
     "drift_m_s": Field((), "m/s", "H", "speed of the tool when the grasp was taken as settled"),
     "worst_penetration_m": Field((), "m", "", "deepest penetration of the settled grasp"),
-    "attempts": Field((), "1", "", "draws until this grasp held", "i4"),
+    "rejections": Field(
+        (len(_core.REJECTIONS),),
+        "1",
+        "",
+        "attempts before this grasp held, by reason: the manifest's `rejection_reasons`",
+        "i4",
+    ),
     "q": Field((8,), "rad", "", "joint angles of the settled grasp"),
     "x_ht": Field((6,), "m, rad", "H", "tool pose of the settled grasp"),
     "contacts": Field((3, 8), "1, m, 1, N", "H", "contacts of the settled grasp, as in /samples"),
 }
 
+# Load cases that were simulated again, otherwise: how far a label can be trusted.
+NOISE_FIELDS: dict[str, Field] = {
+    "sample": Field((), "1", "", "the case, as a row of this shard's /samples", "i8"),
+    "dx_half_step": Field((6,), "m, rad", "H", "dx_ht at half the time step"),
+    "stable_half_step": Field((), "1", "", "stable at half the time step", _FLAG),
+    "dx_impratio": Field((6,), "m, rad", "H", "dx_ht at ten times impratio"),
+    "stable_impratio": Field((), "1", "", "stable at ten times impratio", _FLAG),
+}
+
+# Groups of a shard, in the order in which they are written.
+GROUPS: dict[str, dict[str, Field]] = {"samples": SAMPLE_FIELDS, "grasps": GRASP_FIELDS, "noise": NOISE_FIELDS}
+
 
 def field_table() -> dict[str, dict]:
-    """The manifest's `fields`: names with their group for /grasps, plain names for /samples."""
-    named = dict(SAMPLE_FIELDS) | {f"grasps/{name}": field for name, field in GRASP_FIELDS.items()}
+    """The manifest's `fields`: plain names for /samples, with their group for the others."""
+    named = {
+        name if group == "samples" else f"{group}/{name}": field
+        for group, fields in GROUPS.items()
+        for name, field in fields.items()
+    }
     return {
         name: {"shape": list(f.shape), "dtype": f.dtype, "unit": f.unit, "frame": f.frame, "meaning": f.meaning}
         for name, f in named.items()

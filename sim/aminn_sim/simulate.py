@@ -25,51 +25,35 @@ from . import _core
 from .config import TOOL_FAMILIES, SimulationConfig
 from .engines import ShardTask, find_engine
 from .errors import SimulationError
-from .schema import GRASP_FIELDS, SAMPLE_FIELDS, SCHEMA_VERSION, Field, field_table
+from .hand_file import HandFile, read_hand_file
+from .schema import GROUPS, SCHEMA_VERSION, Field, field_table
 
 # To be raised with every change of the C++ part that changes what is simulated.
-PROTOCOL_VERSION = 1
+PROTOCOL_VERSION = 2
 # Fields of the configuration that do not change what a shard holds.
 _NOT_IN_HASH = ("grasps",)
 
 Arrays = dict[str, np.ndarray]
 
 
-def model_folder() -> Path:
-    """Folder of the MJCF files: inside the installed package, or in the source tree of an editable installation."""
-    here = Path(__file__)
-    candidates = [here.parent / "models", here.parents[1] / "models", Path(_core.__file__).parent / "models"]
-    for folder in candidates:
-        if (folder / "scene.xml").is_file():
-            return folder
-    raise SimulationError(f"scene.xml is in none of {', '.join(map(str, candidates))}; install the package again")
-
-
-def load_simulator() -> _core.Simulator:
-    """The compiled hand and tool. Raises SimulationError with the parser's message if the model files are damaged."""
-    try:
-        return _core.Simulator(str(model_folder() / "scene.xml"))
-    except _core.MujocoError as error:
-        raise SimulationError(f"the hand's model cannot be used: {error}") from error
-
-
-def _open_simulator(config: SimulationConfig, digest: str) -> _core.Simulator:
+def _open_simulator(config: SimulationConfig, digest: str, hand: Path | None) -> _core.Simulator:
     """The simulator of this machine, if it makes the data set of `digest`."""
-    if config_sha256(config) != digest:
+    hand_file = read_hand_file(hand)
+    if config_sha256(config, hand_file) != digest:
         raise SimulationError(
-            f"{platform.node()} has another version of the simulation or of its models; install the same there"
+            f"{platform.node()} has another version of the simulation or of the hand; install the same there"
         )
-    return load_simulator()
+    return hand_file.simulator()
 
 
-def config_sha256(config: SimulationConfig) -> str:
-    """Hash of everything that decides a shard's content but its number: configuration, model files, protocol."""
+def config_sha256(config: SimulationConfig, hand_file: HandFile) -> str:
+    """Hash of everything that decides a shard's content but its number: configuration, hand, protocol."""
     content = {
         "schema_version": SCHEMA_VERSION,
         "protocol_version": PROTOCOL_VERSION,
         "simulator": simulator_name(),
         "config": {k: v for k, v in dataclasses.asdict(config).items() if k not in _NOT_IN_HASH},
-        "models": {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in sorted(model_folder().glob("*.xml"))},
+        "models": hand_file.model_hashes(),
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
@@ -101,26 +85,32 @@ def simulate(
     threads: int = 0,
     progress: bool = True,
     engine: str = "threads",
+    hand: Path | str | None = None,
 ) -> dict:
     """Simulate the data set of `config` into `out_dir` and return its manifest.
 
     threads: 0 takes every core that this process may use. engine: one of `engines.ENGINES`; the bytes are the same.
     Complete shards of the same configuration are kept; a folder with another configuration is an error. Interrupting
-    (Ctrl-C) leaves the complete shards and no half-written file.
+    (Ctrl-C) leaves the complete shards and no half-written file. hand: a hand file instead of the package's own.
     """
     out = Path(out_dir)
     if threads < 0:
         raise SimulationError(f"threads is {threads}, expected 0 (all cores) or more")
     threads = threads or len(os.sched_getaffinity(0))
     run = find_engine(engine)
-    digest = config_sha256(config)
+    hand_file = read_hand_file(hand)
+    simulator = hand_file.simulator()
+    check_tools_fit(config, hand_file, simulator)
+    digest = config_sha256(config, hand_file)
     sizes = shard_sizes(config)
     _make_folder(out)
     todo = [n for n, size in enumerate(sizes) if not _is_complete(out / shard_name(n), digest, size, config)]
     _refuse_damaged_shards(out)
     if todo:
         (out / "manifest.json").unlink(missing_ok=True)  # it would describe shards that are about to change
-    tasks = [ShardTask(config, n, sizes[n], partial(_open_simulator, config, digest)) for n in todo]
+    tasks = [
+        ShardTask(config, n, sizes[n], partial(_open_simulator, config, digest, hand and hand_file.path)) for n in todo
+    ]
     total = config.grasps * config.cases
     done = total - sum(sizes[n] for n in todo) * config.cases
     interval = 0.2 if sys.stderr.isatty() else 10.0  # seconds between two states of the bar; few lines in a log
@@ -141,10 +131,20 @@ def simulate(
                     "shard": task.number,
                     "n_grasps": task.grasps,
                 }
-                write_shard(out / shard_name(task.number), result["samples"], result["grasps"], attributes)
-    manifest = build_manifest(config, digest, load_simulator().hand(), out)
+                write_shard(out / shard_name(task.number), result, attributes)
+    manifest = build_manifest(config, digest, hand_file.as_dict() | simulator.hand(), out)
     _write_atomically(out / "manifest.json", (json.dumps(manifest, sort_keys=True, indent=1) + "\n").encode())
     return manifest
+
+
+def check_tools_fit(config: SimulationConfig, hand_file: HandFile, simulator: _core.Simulator) -> None:
+    """Raises SimulationError where the largest tool does not fit between the fingertips."""
+    gap = hand_file.largest_gap_m(simulator)
+    if 2 * config.radius_max_m > gap:
+        raise SimulationError(
+            f"configuration: radius_max_m {config.radius_max_m} makes tools larger than the hand's span: the "
+            f"fingertips of {hand_file.path} open to {gap:.4f} m at most; choose at most {gap / 2:.4f}"
+        )
 
 
 def _make_folder(out: Path) -> None:
@@ -214,14 +214,14 @@ def _checked(group: str, fields: dict[str, Field], arrays: Arrays) -> Arrays:
     return out
 
 
-def write_shard(path: Path, samples: Arrays, grasps: Arrays, attributes: dict[str, int | str]) -> None:
-    """Write one shard, complete or not at all. Equal content gives equal bytes."""
+def write_shard(path: Path, arrays: dict[str, Arrays], attributes: dict[str, int | str]) -> None:
+    """Write one shard (arrays by group and field), complete or not at all. Equal content gives equal bytes."""
     image = io.BytesIO()  # HDF5 itself does not survive a disk that is full
     with h5py.File(image, "w", libver=("earliest", "v110")) as file:
         for name, value in attributes.items():
             file.attrs[name] = value
-        for group, fields, arrays in (("samples", SAMPLE_FIELDS, samples), ("grasps", GRASP_FIELDS, grasps)):
-            for name, array in _checked(group, fields, arrays).items():
+        for group, fields in GROUPS.items():
+            for name, array in _checked(group, fields, arrays[group]).items():
                 file.create_dataset(f"{group}/{name}", data=array, track_times=False)
     _write_atomically(path, image.getvalue())
 
@@ -257,6 +257,10 @@ def build_manifest(config: SimulationConfig, digest: str, hand: dict, out: Path)
         }
         for n, size in enumerate(shard_sizes(config))
     ]
+    rejections = np.zeros(len(_core.REJECTIONS), int)
+    for shard in shards:
+        with h5py.File(out / str(shard["file"]), "r") as file:
+            rejections += file["grasps/rejections"][()].sum(0)
     bounds = ("translation_max_m", "rotation_max_rad", "drift_max_m_s", "lost_contact_s", "tool_left_m", "stop_factor")
     return {
         "schema_version": SCHEMA_VERSION,
@@ -271,6 +275,8 @@ def build_manifest(config: SimulationConfig, digest: str, hand: dict, out: Path)
         "fields": field_table(),
         "tool_families": list(TOOL_FAMILIES),
         "reasons": list(_core.REASONS),
+        "rejection_reasons": list(_core.REJECTIONS),
+        "rejections": dict(zip(_core.REJECTIONS, rejections.tolist(), strict=True)),
         "bounds": {name: getattr(config, name) for name in bounds},
         "hand": hand,
     }

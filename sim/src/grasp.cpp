@@ -4,21 +4,19 @@
 
 namespace aminn::sim {
 
-const std::array<const char *, kReasons> kReasonNames = {"stable",   "contact_lost", "tool_left", "translation",
-                                                         "rotation", "not_settled",  "diverged"};
+const std::array<const char *, kRejections> kRejectionNames = {
+    "no_fit", "overlap", "fell", "not_settled", "other_contact", "no_contact", "weak_contact", "joint_limit", "moved"};
 
 namespace {
 
 // Natural frequency (rad/s) of the virtual spring that holds the tool while the hand closes; critically damped.
 constexpr double kHoldFrequency = 120;
-// Distance (m) that a rotation of 1 rad counts as where one number must bound both.
-constexpr double kRotationArm = 0.1;
 constexpr double kBoundMargin = 0.03; // rad, from a joint's limit
+// Key of the streams that shift the sequence of placements, one an attempt; no shard has it.
+constexpr std::uint64_t kShiftStream = ~std::uint64_t{0};
 
 constexpr int kBadState[] = {mjWARN_BADQPOS, mjWARN_BADQVEL,     mjWARN_BADQACC,
                              mjWARN_INERTIA, mjWARN_CONTACTFULL, mjWARN_CNSTRFULL};
-
-enum Rejection : int { no_fit, fell, no_contact, too_many_contacts, weak, moved, at_limit, drifting };
 
 int count_warnings(const mjData &d)
 {
@@ -28,17 +26,15 @@ int count_warnings(const mjData &d)
     return n;
 }
 
-// Scaled change of cost in the solver's last iteration: the friction iterations (noslip) come after Newton's.
-double solver_residual(const mjData &d)
+// The most frequent reason and its count, in words.
+std::string worst_rejection(const RejectionCounts &counts)
 {
-    const int last = std::min(d.solver_iter, static_cast<int>(mjNSOLVER)) - 1;
-    return last >= 0 ? std::abs(d.solver[last].improvement) : 0;
+    const auto worst = std::max_element(counts.begin(), counts.end());
+    return std::string("most often ") + kRejectionNames[static_cast<std::size_t>(worst - counts.begin())] + ", " +
+           std::to_string(*worst) + " times";
 }
 
-int steps(double seconds, double dt)
-{
-    return static_cast<int>(std::lround(seconds / dt));
-}
+} // namespace
 
 Wrench displacement(const Pose &before, const Pose &after)
 {
@@ -47,10 +43,14 @@ Wrench displacement(const Pose &before, const Pose &after)
     return dx;
 }
 
-} // namespace
+int steps_of(double seconds, double dt)
+{
+    return static_cast<int>(std::lround(seconds / dt));
+}
 
-GraspWorker::GraspWorker(const mjModel &prototype, const Hand &hand, const Options &options)
-    : model_(copy_model(prototype)), data_(make_data(prototype)), hand_(hand), options_(options), random_(0, 0, 0)
+GraspWorker::GraspWorker(const Prototype &prototype, const Options &options, std::uint64_t seed)
+    : model_(copy_model(*prototype.model)), data_(make_data(*prototype.model)), hand_(prototype.hand),
+      options_(options), synergy_(prototype.synergy), seed_(seed), random_(0, 0, 0)
 {
 }
 
@@ -59,6 +59,7 @@ void GraspWorker::step()
     const mjModel *m = model_.get();
     mjData *d = data_.get();
     guarded([&] { mj_step(m, d); });
+    ++steps_;
 }
 
 void GraspWorker::refresh()
@@ -73,7 +74,7 @@ bool GraspWorker::diverged() const
     return count_warnings(*data_) != warnings_before_;
 }
 
-ContactState GraspWorker::contacts()
+ContactState GraspWorker::contacts(bool with_forces)
 {
     const mjModel *m = model_.get();
     mjData *d = data_.get();
@@ -83,7 +84,7 @@ ContactState GraspWorker::contacts()
         const mjContact &c = d->contact[i];
         if (c.exclude != 0 || c.efc_address < 0)
             continue;
-        const bool tool_is_1 = c.geom1 == hand_.tool_geom, tool_is_2 = c.geom2 == hand_.tool_geom;
+        const bool tool_is_1 = hand_.is_tool(*m, c.geom1), tool_is_2 = hand_.is_tool(*m, c.geom2);
         if (!tool_is_1 && !tool_is_2)
             continue;
         s.worst_penetration = std::max(s.worst_penetration, -c.dist);
@@ -96,9 +97,13 @@ ContactState GraspWorker::contacts()
             continue;
         }
         ++s.count[b];
+        ContactState::Row &row = s.branch[b];
+        if (!with_forces) {
+            row.in_contact = true;
+            continue;
+        }
         mjtNum force[6];
         mj_contactForce(m, d, i, force);
-        ContactState::Row &row = s.branch[b];
         if (row.in_contact && row.normal_force >= force[0])
             continue; // of several contacts the strongest stands
         row.in_contact = true;
@@ -130,21 +135,31 @@ void GraspWorker::apply(const Wrench &w, double scale)
     }
 }
 
-bool GraspWorker::place(const std::vector<int> &families)
+bool GraspWorker::reject(Rejection why)
+{
+    ++state_.rejections[static_cast<std::size_t>(why)];
+    return false;
+}
+
+bool GraspWorker::place(const std::vector<int> &families, int number)
 {
     mjModel *m = model_.get();
     mjData *d = data_.get();
     guarded([&] { mj_resetData(m, d); });
-    for (int i = 0; i < 3; ++i)
-        state_.psi[i] = random_.uniform(-1, 1);
+    // over the grasps of a data set the first attempts fill the space evenly, and so do the second ones
+    const Random shift(seed_, kShiftStream, static_cast<std::uint64_t>(number));
+    const Sobol::Point u = sobol_.point(static_cast<std::uint32_t>(state_.grasp_id), shift);
+    state_.psi = synergy_.low + (synergy_.high - synergy_.low).cwiseProduct(Vec3(u[0], u[1], u[2]));
+    const Placement placement{u[3], u[4], Vec3(u[5], u[6], u[7])};
+    const double force_ratio = options_.pinch_force_max_N / options_.pinch_force_min_N;
+    state_.pinch_force_N = options_.pinch_force_min_N * std::pow(force_ratio, u[8]);
+    const double share = 0.42 + 0.16 * u[9]; // finger 1's of the pinch force
+    finger_force_N_ = {state_.pinch_force_N * share, state_.pinch_force_N * (1 - share)};
     preshape_ = synergy_.posture(state_.psi);
     const auto family = static_cast<ToolFamily>(families[random_.index(static_cast<int>(families.size()))]);
     // wrist: the direction of gravity in H is uniform on the sphere
     const double rx = random_.uniform(-M_PI, M_PI), ry = std::asin(random_.uniform(-1, 1)), rz = 0;
     state_.base_pose << 0, 0, 0, rx, ry, rz;
-    state_.pinch_force_N = random_.log_uniform(options_.pinch_force_min_N, options_.pinch_force_max_N);
-    const double share = random_.uniform(0.42, 0.58);
-    finger_force_N_ = {state_.pinch_force_N * share, state_.pinch_force_N * (1 - share)};
 
     const auto pose_hand = [&] {
         for (int i = 0; i < kBaseJoints; ++i)
@@ -161,8 +176,8 @@ bool GraspWorker::place(const std::vector<int> &families)
     std::array<double, kBranches> radius;
     for (int b = 0; b < kBranches; ++b)
         tip[b] = hand_.tip_in_palm(*d, b), radius[b] = hand_.branches[b].tip_radius_m;
-    if (!draw_tool(random_, options_, family, tip, radius, state_.tool, placed_))
-        return false;
+    if (!draw_tool(random_, options_, family, placement, tip, radius, state_.tool, placed_))
+        return reject(Rejection::no_fit);
 
     install_tool(*m, *d, hand_, state_.tool);
     pose_hand();
@@ -173,7 +188,7 @@ bool GraspWorker::place(const std::vector<int> &families)
     mju_copy(d->qpos + hand_.tool_qpos, qpos, 7);
     warnings_before_ = count_warnings(*d);
     refresh();
-    return d->ncon == 0;
+    return d->ncon == 0 || reject(Rejection::overlap);
 }
 
 // Sets the tendons' commands so that their tensions balance the return springs and, by `share`, press the fingertips
@@ -215,7 +230,7 @@ void GraspWorker::hold_tool(double gain)
     const Vec3 gravity(model_->opt.gravity[0], model_->opt.gravity[1], model_->opt.gravity[2]);
     const double w = kHoldFrequency;
     const Vec3 force = state_.tool.mass_kg * (w * w * (goal.p - T.p) - 2 * w * linear - gravity);
-    const Mat3 inertia = T.R * state_.tool.inertia_kgm2().asDiagonal() * T.R.transpose();
+    const Mat3 inertia = T.R * state_.tool.inertia_kgm2.asDiagonal() * T.R.transpose();
     const Vec3 moment = inertia * (w * w * rotation_vector(goal.R * T.R.transpose()) - 2 * w * angular);
     for (int i = 0; i < 3; ++i) {
         d->xfrc_applied[6 * hand_.tool_body + i] = gain * force[i];
@@ -226,7 +241,7 @@ void GraspWorker::hold_tool(double gain)
 void GraspWorker::close_hand()
 {
     const double dt = model_->opt.timestep;
-    const int ramp = steps(options_.close_s, dt), all = ramp + steps(options_.dwell_s, dt);
+    const int ramp = steps_of(options_.close_s, dt), all = ramp + steps_of(options_.dwell_s, dt);
     for (int i = 0; i < all && !diverged(); ++i) {
         set_tensions(std::min(1.0, static_cast<double>(i) / ramp));
         hold_tool(1);
@@ -237,7 +252,7 @@ void GraspWorker::close_hand()
 // From here on the tendons' commands stand still: each is a spring that can only pull.
 void GraspWorker::release()
 {
-    const int n = steps(options_.release_s, model_->opt.timestep);
+    const int n = steps_of(options_.release_s, model_->opt.timestep);
     for (int i = 0; i < n && !diverged(); ++i) {
         hold_tool(1 - static_cast<double>(i + 1) / n);
         step();
@@ -253,8 +268,8 @@ double GraspWorker::mean_rate(const Pose &from, const Pose &to, double seconds) 
 
 bool GraspWorker::settle()
 {
-    const int window = steps(options_.drift_window_s, model_->opt.timestep);
-    const int most = steps(options_.grasp_settle_max_s, model_->opt.timestep) / window;
+    const int window = steps_of(options_.drift_window_s, model_->opt.timestep);
+    const int most = steps_of(options_.grasp_settle_max_s, model_->opt.timestep) / window;
     Pose before = hand_.tool_in_palm(*data_);
     for (int k = 0; k < most; ++k) {
         for (int i = 0; i < window; ++i) {
@@ -271,59 +286,72 @@ bool GraspWorker::settle()
     return false;
 }
 
-bool GraspWorker::attempt(const std::vector<int> &families)
+bool GraspWorker::at_joint_limit() const
 {
-    const auto reject = [&](Rejection r) { return ++rejections_[r], false; };
-    if (!place(families))
-        return reject(no_fit);
-    close_hand();
-    if (diverged())
-        return reject(fell);
-    release();
-    if (diverged() || !settle())
-        return reject(data_->ncon == 0 ? fell : drifting);
+    for (const Branch &branch : hand_.branches)
+        for (int c = 0; c < kCoords; ++c) {
+            if (branch.qpos[c] < 0)
+                continue;
+            const double q = data_->qpos[branch.qpos[c]];
+            if (q < branch.low_rad[c] + kBoundMargin || q > branch.high_rad[c] - kBoundMargin)
+                return true;
+        }
+    return false;
+}
+
+// Whether the settled state is a grasp by the three fingertips.
+bool GraspWorker::holds()
+{
     refresh();
     const ContactState c = contacts();
     if (c.other > 0)
-        return reject(too_many_contacts);
+        return reject(Rejection::other_contact);
     for (int b = 0; b < kBranches; ++b) {
         if (c.count[b] == 0)
-            return reject(no_contact);
+            return reject(Rejection::no_contact);
         if (c.count[b] > 1)
-            return reject(too_many_contacts);
+            return reject(Rejection::other_contact);
         if (c.branch[b].normal_force < options_.contact_force_min_N)
-            return reject(weak);
+            return reject(Rejection::weak_contact);
     }
-    for (int j = 0; j < kJoints; ++j) {
-        const int joint = hand_.branches[j < 3 ? 0 : j < 6 ? 1 : 2].joint[j < 6 ? j % 3 : j - 5];
-        const double q = data_->qpos[hand_.qpos[j]];
-        if (q < model_->jnt_range[2 * joint] + kBoundMargin || q > model_->jnt_range[2 * joint + 1] - kBoundMargin)
-            return reject(at_limit);
-    }
-    const Wrench moved_by = displacement(placed_, hand_.tool_in_palm(*data_));
-    if (moved_by.head<3>().norm() > options_.grasp_shift_max_m ||
-        moved_by.tail<3>().norm() > options_.grasp_tilt_max_rad)
-        return reject(moved);
-    return true;
+    if (at_joint_limit())
+        return reject(Rejection::joint_limit);
+    const Wrench by = displacement(placed_, hand_.tool_in_palm(*data_));
+    const bool near =
+        by.head<3>().norm() <= options_.grasp_shift_max_m && by.tail<3>().norm() <= options_.grasp_tilt_max_rad;
+    return near || reject(Rejection::moved);
 }
 
-const GraspState &GraspWorker::make(std::uint64_t seed, std::uint64_t shard, std::uint64_t index, std::int64_t grasp_id,
+bool GraspWorker::attempt(const std::vector<int> &families, int number)
+{
+    if (!place(families, number))
+        return false;
+    close_hand();
+    if (diverged())
+        return reject(Rejection::fell);
+    release();
+    if (diverged() || !settle())
+        return reject(diverged() || data_->ncon == 0 ? Rejection::fell : Rejection::not_settled);
+    return holds();
+}
+
+const GraspState &GraspWorker::make(std::uint64_t shard, std::uint64_t index, std::int64_t grasp_id,
                                     const std::vector<int> &families)
 {
-    random_ = Random(seed, shard, index);
+    random_ = Random(seed_, shard, index);
     state_ = GraspState();
-    for (int n = 1; n <= options_.grasp_attempts; ++n) {
-        if (!attempt(families))
+    state_.grasp_id = grasp_id;
+    for (int k = 0; k < options_.grasp_attempts; ++k) {
+        if (!attempt(families, k))
             continue;
         save();
         describe();
-        state_.grasp_id = grasp_id;
-        state_.attempts = n;
         return state_;
     }
     throw std::runtime_error("grasp " + std::to_string(grasp_id) + ": none of " +
-                             std::to_string(options_.grasp_attempts) +
-                             " attempts held the tool; widen the tool and force ranges or raise grasp_attempts");
+                             std::to_string(options_.grasp_attempts) + " attempts held the tool (" +
+                             worst_rejection(state_.rejections) +
+                             "); widen the tool, synergy and force ranges or raise grasp_attempts");
 }
 
 void GraspWorker::save()
@@ -370,141 +398,6 @@ void GraspWorker::describe()
         state_.j_x[b] << Mat3::Identity(), -skew(row.position - state_.tool_in_palm.p);
         state_.j_q[b] = -hand_.branch_jacobian(*data_, b, row.position);
     }
-}
-
-Wrench GraspWorker::draw_wrench()
-{
-    const double kind = random_.uniform();
-    const double low = std::pow(10.0, -options_.load_decades);
-    const double force = options_.force_max_N * random_.log_uniform(low, 1);
-    const double moment = options_.moment_max_Nm * random_.log_uniform(low, 1);
-    const Vec3 f = random_.direction(), n = random_.direction();
-    const bool has_force = kind >= options_.share_moment_only;
-    const bool has_moment =
-        kind < options_.share_moment_only || kind >= options_.share_moment_only + options_.share_force_only;
-    Wrench w = Wrench::Zero();
-    if (has_force)
-        w.head<3>() = force * f;
-    if (has_moment)
-        w.tail<3>() = moment * n;
-    return w;
-}
-
-namespace {
-
-// Watches one load case step by step.
-struct Watch {
-    const Options &options;
-    const Pose before;
-    int lost_steps[kBranches] = {};
-    int lost_limit;
-    CaseResult &result;
-
-    // Takes in the present state; returns true when the case is clearly lost.
-    bool look(const ContactState &c, const std::array<ContactState::Row, kBranches> &had, const Pose &now)
-    {
-        result.worst_penetration_m = std::max(result.worst_penetration_m, c.worst_penetration);
-        result.other_contact |= c.other > 0;
-        for (int b = 0; b < kBranches; ++b) {
-            lost_steps[b] = had[b].in_contact && !c.branch[b].in_contact ? lost_steps[b] + 1 : 0;
-            result.contact_lost |= lost_steps[b] > lost_limit;
-        }
-        const bool touched = c.count[0] + c.count[1] + c.count[2] > 0;
-        const double moved = (now.p - before.p).norm();
-        const double turned = rotation_vector(now.R * before.R.transpose()).norm();
-        result.max_translation_m = std::max(result.max_translation_m, moved);
-        result.max_rotation_rad = std::max(result.max_rotation_rad, turned);
-        result.tool_left |= moved > options.tool_left_m || (result.contact_lost && !touched);
-        return result.contact_lost || result.tool_left || moved > options.stop_factor * options.translation_max_m ||
-               turned > options.stop_factor * options.rotation_max_rad;
-    }
-};
-
-Reason judge(const CaseResult &r, const Options &o, bool diverged)
-{
-    if (diverged)
-        return Reason::diverged;
-    if (r.tool_left)
-        return Reason::tool_left;
-    if (r.contact_lost)
-        return Reason::contact_lost;
-    if (r.max_translation_m > o.translation_max_m)
-        return Reason::translation;
-    if (r.max_rotation_rad > o.rotation_max_rad)
-        return Reason::rotation;
-    if (!r.settled)
-        return Reason::not_settled;
-    return Reason::stable;
-}
-
-// 0 to 1 with zero slope at both ends.
-double smooth_ramp(double x)
-{
-    return x >= 1 ? 1 : x * x * (3 - 2 * x);
-}
-
-} // namespace
-
-CaseResult GraspWorker::load(const Wrench &w)
-{
-    restore();
-    CaseResult result;
-    result.w_e = w;
-    const Pose before = state_.tool_in_palm;
-    const double dt = model_->opt.timestep;
-    Watch watch{options_, before, {}, steps(options_.lost_contact_s, dt), result};
-    const int ramp = steps(options_.ramp_s, dt), hold = steps(options_.hold_s, dt);
-    const int window = steps(options_.drift_window_s, dt), most = ramp + hold + steps(options_.hold_extra_s, dt);
-    bool lost = false, early_taken = false;
-    Pose early = before, window_start = before, creep_start = before;
-    int n = 0;
-    for (; n < most && !lost; ++n) {
-        if (n == ramp + hold - window)
-            window_start = hand_.tool_in_palm(*data_);
-        if (n >= ramp + hold && (n - ramp - hold) % window == 0) { // the hold is over, or one more window is
-            const Pose now = hand_.tool_in_palm(*data_);
-            result.drift_m_s = mean_rate(window_start, now, options_.drift_window_s);
-            if ((result.settled = result.drift_m_s <= options_.drift_max_m_s))
-                break;
-            window_start = now;
-        }
-        if (n == ramp + hold / 2) {
-            early = creep_start = hand_.tool_in_palm(*data_);
-            early_taken = true;
-        }
-        apply(w, smooth_ramp(static_cast<double>(n + 1) / ramp));
-        step();
-        if (diverged())
-            break;
-        lost = watch.look(contacts(), state_.contacts.branch, hand_.tool_in_palm(*data_));
-    }
-    const bool bad = diverged();
-    if (bad) { // the engine has reset the state: there is no pose to report
-        restore();
-        result.dx.setZero();
-        result.q_after = state_.q;
-        result.reason = Reason::diverged;
-        return result;
-    }
-    result.solver_residual = solver_residual(*data_);
-    refresh();
-    const Pose after = hand_.tool_in_palm(*data_);
-    if (!lost && !result.settled) { // the last window of the extension
-        result.drift_m_s = mean_rate(window_start, after, options_.drift_window_s);
-        result.settled = result.drift_m_s <= options_.drift_max_m_s;
-    }
-    result.hold_time_s = std::max(0, n - ramp) * dt;
-    result.dx = displacement(before, after);
-    result.max_translation_m = std::max(result.max_translation_m, result.dx.head<3>().norm());
-    result.max_rotation_rad = std::max(result.max_rotation_rad, result.dx.tail<3>().norm());
-    result.dx_early = early_taken ? displacement(before, early) : result.dx;
-    const double creep_time = (n - ramp - hold / 2) * dt;
-    if (early_taken && creep_time > 0)
-        result.creep_rate_m_s = (after.p - creep_start.p).norm() / creep_time;
-    result.q_after = hand_.joints(*data_);
-    result.tension_after_N = tensions();
-    result.reason = judge(result, options_, bad);
-    return result;
 }
 
 } // namespace aminn::sim

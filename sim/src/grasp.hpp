@@ -4,6 +4,7 @@
 #include "hand.hpp"
 #include "options.hpp"
 #include "random.hpp"
+#include "sobol.hpp"
 #include "synergy.hpp"
 #include "tool.hpp"
 
@@ -25,6 +26,22 @@ struct ContactState {
     double worst_penetration = 0;       // m
 };
 
+// Why an attempt at a grasp was thrown away; the order is that of `rejections` in a data set.
+enum class Rejection : int {
+    no_fit = 0,    // no tool of the family fits between the fingertips
+    overlap,       // the tool touches the hand before it closes
+    fell,          // it left the hand, or the engine gave up
+    not_settled,   // it did not come to rest
+    other_contact, // it touches something other than a fingertip, or a fingertip twice
+    no_contact,    // a fingertip does not touch it
+    weak_contact,  // one presses too little
+    joint_limit,   // a joint is at a limit
+    moved          // the tool moved too far from where it was put
+};
+inline constexpr int kRejections = 9;
+using RejectionCounts = std::array<int, kRejections>;
+extern const std::array<const char *, kRejections> kRejectionNames;
+
 // What a settled grasp is, before any load.
 struct GraspState {
     std::int64_t grasp_id = 0;
@@ -39,7 +56,7 @@ struct GraspState {
     Wrench base_pose = Wrench::Zero(); // angles and positions of the base joints
     Vec3 gravity_m_s2 = Vec3::Zero();  // in H
     double pinch_force_N = 0, drift_m_s = 0;
-    int attempts = 0;
+    RejectionCounts rejections{}; // attempts before this one
 };
 
 // Why a case is not stable; the order is that of `reason` in a data set.
@@ -47,17 +64,39 @@ enum class Reason : int { stable = 0, contact_lost, tool_left, translation, rota
 inline constexpr int kReasons = 7;
 extern const std::array<const char *, kReasons> kReasonNames;
 
+// A load: the wrench about the tool's origin (N, N.m, H) and the point that its force acts at (m, H).
+struct Load {
+    Wrench w_e = Wrench::Zero();
+    Vec3 point = Vec3::Zero();
+};
+
+// The same load simulated otherwise, to see how far a label can be trusted.
+struct Recheck {
+    Wrench dx = Wrench::Zero();
+    bool stable = false;
+};
+
 // Outcome of one load case.
 struct CaseResult {
-    Wrench w_e = Wrench::Zero();
-    Wrench dx = Wrench::Zero(), dx_early = Wrench::Zero(); // translation, rotation vector, H
+    Load load;
+    Wrench dx = Wrench::Zero(); // translation, rotation vector, H
     JointVector q_after = JointVector::Zero();
     double creep_rate_m_s = 0, drift_m_s = 0, max_translation_m = 0, max_rotation_rad = 0;
-    double worst_penetration_m = 0, solver_residual = 0, hold_time_s = 0;
+    double worst_penetration_m = 0, solver_residual = 0, equilibrium_residual = 0, hold_time_s = 0, settle_time_s = -1;
     bool settled = false, contact_lost = false, tool_left = false, other_contact = false;
+    std::array<double, kBranches> lost_time_s{-1, -1, -1}; // from the start of the load; -1: not lost
     std::array<double, kTendons> tension_after_N{};
     Reason reason = Reason::stable;
+    bool rechecked = false;
+    Recheck half_step, impratio; // half the time step; ten times impratio
 };
+
+// Distance (m) that a rotation of 1 rad counts as where one number must bound both.
+inline constexpr double kRotationArm = 0.1;
+// From one pose of the tool to another: translation, rotation vector.
+Wrench displacement(const Pose &before, const Pose &after);
+// Number of time steps.
+int steps_of(double seconds, double dt);
 
 // The integration state that MuJoCo needs to continue bit by bit as it would have.
 struct SavedState {
@@ -65,19 +104,28 @@ struct SavedState {
     std::vector<double> qpos, qvel, warmstart, ctrl;
 };
 
+// What all workers share.
+struct Prototype {
+    ModelPtr model;
+    Hand hand;
+    Synergy synergy;
+};
+
 // A worker's own model and data. Not shared between threads.
 class GraspWorker {
   public:
-    GraspWorker(const mjModel &prototype, const Hand &hand, const Options &options);
+    GraspWorker(const Prototype &prototype, const Options &options, std::uint64_t seed);
 
     // Makes the grasp of (seed, shard, index); `families` are those to draw from. The state afterwards is the settled
     // one. Throws std::runtime_error if no attempt succeeds.
-    const GraspState &make(std::uint64_t seed, std::uint64_t shard, std::uint64_t index, std::int64_t grasp_id,
+    const GraspState &make(std::uint64_t shard, std::uint64_t index, std::int64_t grasp_id,
                            const std::vector<int> &families);
-    // The next random wrench of this grasp's stream (force, moment about the tool's origin; N, N.m, H).
-    Wrench draw_wrench();
-    // Runs the label protocol with wrench `w` from the settled state.
-    CaseResult load(const Wrench &w);
+    // The next random load of this grasp's stream.
+    Load draw_load();
+    // Whether the next case is one of those simulated again; one draw of the stream.
+    bool draw_recheck();
+    // Runs the label protocol with `load` from the settled state, and again otherwise where asked.
+    CaseResult load(const Load &load, bool recheck);
 
     const GraspState &state() const
     {
@@ -95,24 +143,29 @@ class GraspWorker {
     {
         return *data_;
     }
+    // Steps of the engine so far.
+    std::int64_t steps() const
+    {
+        return steps_;
+    }
     void restore();
     // Puts `w` (H) on the tool, scaled; takes effect with the next step.
     void apply(const Wrench &w, double scale);
     void step();
     // Brings positions and contacts in line with the present joint coordinates.
     void refresh();
-    ContactState contacts();
-    const std::array<int, 16> &rejections() const
-    {
-        return rejections_;
-    }
+    // Without forces the rows say only whether there is a contact; that is cheaper.
+    ContactState contacts(bool with_forces = true);
 
   private:
-    bool attempt(const std::vector<int> &families);
-    bool place(const std::vector<int> &families);
+    bool attempt(const std::vector<int> &families, int number);
+    bool reject(Rejection why);
+    bool place(const std::vector<int> &families, int number);
     void close_hand();
     void release();
     bool settle();
+    bool holds();
+    bool at_joint_limit() const;
     void set_tensions(double share);
     void hold_tool(double gain);
     bool diverged() const;
@@ -120,12 +173,17 @@ class GraspWorker {
     void save();
     void describe();
     std::array<double, kTendons> tensions() const;
+    CaseResult run_case(const Load &load);
+    Recheck again(const Load &load, double timestep, double impratio);
+    double equilibrium_residual(const Wrench &w);
 
     ModelPtr model_;
     DataPtr data_;
     Hand hand_;
     Options options_;
     Synergy synergy_;
+    std::uint64_t seed_;
+    Sobol sobol_;
     Random random_;
     GraspState state_;
     SavedState saved_;
@@ -133,7 +191,7 @@ class GraspWorker {
     JointVector preshape_;
     std::array<double, 2> finger_force_N_{};
     int warnings_before_ = 0;
-    std::array<int, 16> rejections_{};
+    std::int64_t steps_ = 0;
 };
 
 } // namespace aminn::sim

@@ -60,7 +60,8 @@ Hand::Hand(const mjModel &m)
 {
     palm_body = id_of(m, mjOBJ_BODY, "palm");
     tool_body = id_of(m, mjOBJ_BODY, "tool");
-    tool_geom = id_of(m, mjOBJ_GEOM, "tool");
+    for (int k = 0; k < kToolGeoms; ++k)
+        tool_geoms[static_cast<std::size_t>(k)] = id_of(m, mjOBJ_GEOM, "tool_" + std::to_string(k));
     const int tool_joint = id_of(m, mjOBJ_JOINT, "tool");
     tool_qpos = m.jnt_qposadr[tool_joint];
     tool_dof = m.jnt_dofadr[tool_joint];
@@ -88,6 +89,8 @@ Hand::Hand(const mjModel &m)
         branch.stiffness_Nm_rad.setZero();
         branch.spring_Nm_rad.setZero();
         branch.spring_reference_rad.setZero();
+        branch.low_rad.setZero();
+        branch.high_rad.setZero();
         Vec3 anchor[kCoords];
         for (int c = 0; c < kCoords; ++c) {
             const int j = kBranchJoints[b][c];
@@ -98,6 +101,8 @@ Hand::Hand(const mjModel &m)
             const int joint = branch.joint[c] = id_of(m, mjOBJ_JOINT, kJointNames[j]);
             branch.dof[c] = dof[j];
             branch.qpos[c] = qpos[j];
+            branch.low_rad[c] = m.jnt_range[2 * joint];
+            branch.high_rad[c] = m.jnt_range[2 * joint + 1];
             branch.spring_Nm_rad[c] = m.jnt_stiffness[joint];
             branch.spring_reference_rad[c] = m.qpos_spring[qpos[j]];
             branch.stiffness_Nm_rad[c] = m.jnt_stiffness[joint];

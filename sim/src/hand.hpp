@@ -14,6 +14,7 @@ namespace aminn::sim {
 inline constexpr int kBranches = AMINN_N_BRANCH, kCoords = AMINN_N_COORD, kJoints = AMINN_N_JOINT;
 inline constexpr int kTendonsPerBranch = 2, kTendons = kTendonsPerBranch * kBranches;
 inline constexpr int kBaseJoints = 6;
+inline constexpr int kToolGeoms = 3; // primitives that a tool may be made of
 
 using Vec3 = Eigen::Vector3d;
 using Mat3 = Eigen::Matrix3d;
@@ -48,11 +49,13 @@ struct Branch {
     BranchVector spring_Nm_rad, spring_reference_rad;
     Vec3 base_m, link_a_m, link_b_m; // in H at q = 0: base; base to distal joint; distal joint to fingertip centre
     std::array<Vec3, kCoords> axis;  // in H at q = 0
+    BranchVector low_rad, high_rad;  // limits of the joints; 0 where absent
     double tip_radius_m;
 };
 
 class Hand {
   public:
+    Hand() = default;
     // Throws MujocoError if `model` lacks a part of the hand.
     explicit Hand(const mjModel &model);
 
@@ -61,12 +64,17 @@ class Hand {
     std::array<int, kJoints> qpos, dof;     // addresses of the joints
     std::array<int, kJoints> roll_actuator; // -1 where the joint is not a roll
     std::array<int, kBaseJoints> base_qpos, base_actuator;
-    int palm_body, tool_body, tool_geom, tool_qpos, tool_dof;
+    int palm_body, tool_body, tool_qpos, tool_dof;
+    std::array<int, kToolGeoms> tool_geoms;
 
     // Valid after mj_kinematics (or any forward pass).
     Pose palm(const mjData &d) const
     {
         return body_pose(d, palm_body);
+    }
+    bool is_tool(const mjModel &m, int geom) const
+    {
+        return m.geom_bodyid[geom] == tool_body;
     }
     Pose tool_in_palm(const mjData &d) const;
     Vec3 tip_in_palm(const mjData &d, int branch) const;

@@ -1,201 +1,25 @@
 // Python module aminn_sim._core: the simulation with numpy arrays at its edges. It holds no policy: files, progress and
 // configuration are Python's.
-#include "shard.hpp"
+#include "columns.hpp"
+#include "contact_shapes.hpp"
 
-#include <nanobind/nanobind.h>
-#include <nanobind/ndarray.h>
 #include <nanobind/stl/function.h>
-#include <nanobind/stl/string.h>
-#include <nanobind/stl/vector.h>
 
-#include <atomic>
-#include <cstring>
-#include <memory>
-#include <mutex>
-#include <thread>
+#include <chrono>
 
-namespace nb = nanobind;
-using namespace nb::literals;
+using namespace nanobind::literals;
 
 namespace aminn::sim {
 namespace {
 
-using Shape = std::vector<std::size_t>;
-template <class T>
-using Array = nb::ndarray<nb::numpy, T>;
 using InVector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-
-// A zeroed array that numpy owns.
-template <class T>
-Array<T> make_array(const Shape &shape)
-{
-    std::size_t n = 1;
-    for (const std::size_t s : shape)
-        n *= s;
-    T *data = new T[n > 0 ? n : 1]();
-    const nb::capsule owner(data, [](void *p) noexcept { delete[] static_cast<T *>(p); });
-    return Array<T>(data, shape.size(), shape.data(), owner);
-}
-
-// Adds to `out` an array with one row for each item: write(item, pointer to the row).
-template <class T, class Items, class Write>
-void column(nb::dict &out, const char *name, const Items &items, const Shape &row, Write &&write)
-{
-    Shape shape{items.size()};
-    shape.insert(shape.end(), row.begin(), row.end());
-    std::size_t width = 1;
-    for (const std::size_t s : row)
-        width *= s;
-    Array<T> array = make_array<T>(shape);
-    T *p = array.data();
-    for (const auto &item : items) {
-        write(item, p);
-        p += width;
-    }
-    out[name] = array.cast();
-}
-
-template <class Derived>
-void put(const Eigen::MatrixBase<Derived> &x, double *p)
-{
-    for (Eigen::Index i = 0; i < x.rows(); ++i)
-        for (Eigen::Index j = 0; j < x.cols(); ++j)
-            *p++ = x(i, j); // row-major
-}
-template <std::size_t N>
-void put(const std::array<double, N> &x, double *p)
-{
-    std::copy(x.begin(), x.end(), p);
-}
-
-Wrench pose_vector(const Pose &pose)
-{
-    Wrench x;
-    x << pose.p, rotation_vector(pose.R);
-    return x;
-}
-
-void put_contacts(const ContactState &c, double *p)
-{
-    for (int b = 0; b < kBranches; ++b, p += AMINN_N_CONTACT_FEATURE) {
-        const ContactState::Row &row = c.branch[b];
-        if (!row.in_contact)
-            continue;
-        p[0] = 1;
-        put(row.position, p + 1);
-        put(row.normal, p + 4);
-        p[7] = row.normal_force;
-    }
-}
-
-constexpr int kXCols = AMINN_N_WRENCH;
-
-template <class Items, class State>
-void state_columns(nb::dict &out, const Items &items, State &&state)
-{
-    column<double>(out, "q", items, {kJoints}, [&](const auto &i, double *p) { put(state(i).q, p); });
-    column<double>(out, "x_ht", items, {kXCols},
-                   [&](const auto &i, double *p) { put(pose_vector(state(i).tool_in_palm), p); });
-    column<double>(out, "contacts", items, {kBranches, AMINN_N_CONTACT_FEATURE},
-                   [&](const auto &i, double *p) { put_contacts(state(i).contacts, p); });
-    column<double>(out, "j_x", items, {kBranches, 3, kXCols}, [&](const auto &i, double *p) {
-        for (int b = 0; b < kBranches; ++b)
-            put(state(i).j_x[b], p + b * 3 * kXCols);
-    });
-    column<double>(out, "j_q", items, {kBranches, 3, kCoords}, [&](const auto &i, double *p) {
-        for (int b = 0; b < kBranches; ++b)
-            put(state(i).j_q[b], p + b * 3 * kCoords);
-    });
-    column<std::int64_t>(out, "grasp_id", items, {}, [&](const auto &i, std::int64_t *p) { *p = state(i).grasp_id; });
-}
-
-template <class Items, class Case>
-void case_columns(nb::dict &out, const Items &items, Case &&get)
-{
-    const auto number = [&](const char *name, double CaseResult::*member) {
-        column<double>(out, name, items, {}, [&](const auto &i, double *p) { *p = get(i).*member; });
-    };
-    const auto flag = [&](const char *name, bool CaseResult::*member) {
-        column<std::uint8_t>(out, name, items, {}, [&](const auto &i, std::uint8_t *p) { *p = get(i).*member; });
-    };
-    column<double>(out, "w_e", items, {kXCols}, [&](const auto &i, double *p) { put(get(i).w_e, p); });
-    column<double>(out, "dx_ht", items, {kXCols}, [&](const auto &i, double *p) { put(get(i).dx, p); });
-    column<double>(out, "dx_ht_early", items, {kXCols}, [&](const auto &i, double *p) { put(get(i).dx_early, p); });
-    column<double>(out, "q_after", items, {kJoints}, [&](const auto &i, double *p) { put(get(i).q_after, p); });
-    column<double>(out, "tendon_tension_after_N", items, {kTendons},
-                   [&](const auto &i, double *p) { put(get(i).tension_after_N, p); });
-    number("creep_rate_m_s", &CaseResult::creep_rate_m_s);
-    number("drift_m_s", &CaseResult::drift_m_s);
-    number("max_translation_m", &CaseResult::max_translation_m);
-    number("max_rotation_rad", &CaseResult::max_rotation_rad);
-    number("worst_penetration_m", &CaseResult::worst_penetration_m);
-    number("solver_residual", &CaseResult::solver_residual);
-    number("hold_time_s", &CaseResult::hold_time_s);
-    flag("settled", &CaseResult::settled);
-    flag("contact_lost", &CaseResult::contact_lost);
-    flag("tool_left", &CaseResult::tool_left);
-    flag("other_contact", &CaseResult::other_contact);
-    column<std::uint8_t>(out, "stable", items, {},
-                         [&](const auto &i, std::uint8_t *p) { *p = get(i).reason == Reason::stable; });
-    column<std::int8_t>(out, "reason", items, {},
-                        [&](const auto &i, std::int8_t *p) { *p = static_cast<std::int8_t>(get(i).reason); });
-}
-
-template <class Items>
-void grasp_columns(nb::dict &out, const Items &grasps)
-{
-    column<std::int64_t>(out, "grasp_id", grasps, {}, [](const GraspState &g, std::int64_t *p) { *p = g.grasp_id; });
-    column<double>(out, "psi", grasps, {3}, [](const GraspState &g, double *p) { put(g.psi, p); });
-    column<std::int8_t>(out, "tool_family", grasps, {},
-                        [](const GraspState &g, std::int8_t *p) { *p = static_cast<std::int8_t>(g.tool.family); });
-    column<double>(out, "tool_size_m", grasps, {3}, [](const GraspState &g, double *p) { put(g.tool.half_m, p); });
-    const auto number = [&](const char *name, auto get) {
-        column<double>(out, name, grasps, {}, [&](const GraspState &g, double *p) { *p = get(g); });
-    };
-    number("tool_mass_kg", [](const GraspState &g) { return g.tool.mass_kg; });
-    number("friction", [](const GraspState &g) { return g.tool.friction; });
-    number("pinch_force_N", [](const GraspState &g) { return g.pinch_force_N; });
-    number("drift_m_s", [](const GraspState &g) { return g.drift_m_s; });
-    number("worst_penetration_m", [](const GraspState &g) { return g.contacts.worst_penetration; });
-    column<double>(out, "tendon_tension_N", grasps, {kTendons},
-                   [](const GraspState &g, double *p) { put(g.tension_N, p); });
-    column<double>(out, "base_pose", grasps, {kBaseJoints},
-                   [](const GraspState &g, double *p) { put(g.base_pose, p); });
-    column<double>(out, "gravity_m_s2", grasps, {3}, [](const GraspState &g, double *p) { put(g.gravity_m_s2, p); });
-    column<std::int32_t>(out, "attempts", grasps, {}, [](const GraspState &g, std::int32_t *p) { *p = g.attempts; });
-}
-
-nb::dict shard_arrays(const ShardResult &r)
-{
-    using Sample = std::pair<const GraspState *, const CaseResult *>;
-    std::vector<Sample> samples;
-    for (std::size_t g = 0; g < r.grasps.size(); ++g)
-        for (const CaseResult &c : r.cases[g])
-            samples.emplace_back(&r.grasps[g], &c);
-    nb::dict arrays, grasps, out;
-    state_columns(arrays, samples, [](const Sample &s) -> const GraspState & { return *s.first; });
-    case_columns(arrays, samples, [](const Sample &s) -> const CaseResult & { return *s.second; });
-    grasp_columns(grasps, r.grasps);
-    state_columns(grasps, r.grasps, [](const GraspState &g) -> const GraspState & { return g; });
-    out["samples"] = arrays;
-    out["grasps"] = grasps;
-    out["rejections"] = nb::cast(r.rejections);
-    return out;
-}
-
-nb::list vector_list(const Eigen::Ref<const Eigen::VectorXd> &x)
-{
-    nb::list l;
-    for (Eigen::Index i = 0; i < x.size(); ++i)
-        l.append(x[i]);
-    return l;
-}
 
 // The manifest's `hand` entry.
 nb::dict hand_dict(const mjModel &m, const Hand &hand)
 {
     nb::dict out;
-    nb::list branches, joints, branch_joints, base, axis, a, b, radius, stiffness, spring, reference, tendons;
+    nb::list branches, joints, branch_joints, base, axis, a, b, radius, stiffness, spring, reference, low, high,
+        tendons;
     for (const char *name : kBranchNames)
         branches.append(name);
     for (const char *name : kJointNames)
@@ -216,6 +40,8 @@ nb::dict hand_dict(const mjModel &m, const Hand &hand)
         stiffness.append(vector_list(branch.stiffness_Nm_rad));
         spring.append(vector_list(branch.spring_Nm_rad));
         reference.append(vector_list(branch.spring_reference_rad));
+        low.append(vector_list(branch.low_rad));
+        high.append(vector_list(branch.high_rad));
     }
     for (const Tendon &t : hand.tendons) {
         nb::dict d;
@@ -226,7 +52,6 @@ nb::dict hand_dict(const mjModel &m, const Hand &hand)
         d["name"] = mj_id2name(&m, mjOBJ_TENDON, t.tendon);
         tendons.append(d);
     }
-    out["name"] = "three_finger_hand";
     out["branches"] = branches;
     out["joints"] = joints;
     out["branch_joints"] = branch_joints;
@@ -238,6 +63,8 @@ nb::dict hand_dict(const mjModel &m, const Hand &hand)
     out["joint_stiffness_Nm_rad"] = stiffness;
     out["joint_spring_Nm_rad"] = spring;
     out["joint_spring_reference_rad"] = reference;
+    out["joint_low_rad"] = low;
+    out["joint_high_rad"] = high;
     out["tendons"] = tendons;
     return out;
 }
@@ -272,10 +99,43 @@ void check_families(const std::vector<int> &families)
             throw std::invalid_argument("no tool family " + std::to_string(f));
 }
 
+// Fingertips that also pass on a moment about the contact's normal, up to `torsional_m` times the normal force.
+void soften_fingertips(mjModel &m, const Hand &hand, double torsional_m)
+{
+    if (torsional_m <= 0)
+        return;
+    for (const Branch &branch : hand.branches) {
+        m.geom_condim[branch.tip_geom] = 4;
+        m.geom_friction[3 * branch.tip_geom + 1] = torsional_m;
+    }
+}
+
+Synergy make_synergy(const InVector &neutral, const std::vector<InVector> &columns, const InVector &delta,
+                     const InVector &low, const InVector &high)
+{
+    if (columns.size() != 3)
+        throw std::invalid_argument("columns has " + std::to_string(columns.size()) + " entries, expected 3");
+    Synergy s;
+    s.neutral = in_vector<kJoints>(neutral, "neutral");
+    for (int k = 0; k < 3; ++k)
+        s.basis.col(k) = in_vector<kJoints>(columns[static_cast<std::size_t>(k)], "columns");
+    s.delta = in_vector<3>(delta, "delta");
+    s.low = in_vector<3>(low, "low");
+    s.high = in_vector<3>(high, "high");
+    return s;
+}
+
+double seconds_now()
+{
+    using Clock = std::chrono::steady_clock;
+    return std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
+}
+
 // A compiled model to simulate shards of.
 class Simulator {
   public:
-    explicit Simulator(const std::string &path) : model_(load_model(path)), hand_(*model_)
+    Simulator(const std::string &path, double torsional_friction_m, const Synergy &synergy)
+        : Simulator(load_model(path), torsional_friction_m, synergy)
     {
     }
 
@@ -296,39 +156,64 @@ class Simulator {
         ShardResult result;
         {
             const nb::gil_scoped_release free;
-            result = simulate_shard(*model_, hand_, options, request, poll);
+            result = simulate_shard(prototype_, options, request, poll);
         }
         return shard_arrays(result);
     }
 
     nb::dict hand() const
     {
-        return hand_dict(*model_, hand_);
+        return hand_dict(*prototype_.model, prototype_.hand);
     }
-    const mjModel &model() const
+    const Prototype &prototype() const
     {
-        return *model_;
+        return prototype_;
     }
-    const Hand &geometry() const
+    // Distance of the fingertips' surfaces across the pinch (m) in the posture of psi.
+    double gap(const InVector &psi) const
     {
-        return hand_;
+        const mjModel *m = prototype_.model.get();
+        const Hand &hand = prototype_.hand;
+        const DataPtr data = make_data(*m);
+        mjData *d = data.get();
+        const JointVector q = prototype_.synergy.posture(in_vector<3>(psi, "psi"));
+        guarded([&] { mj_resetData(m, d); });
+        for (int j = 0; j < kJoints; ++j)
+            d->qpos[hand.qpos[j]] = q[j];
+        guarded([&] { mj_kinematics(m, d); });
+        const Vec3 middle = 0.5 * (hand.tip_in_palm(*d, 0) + hand.tip_in_palm(*d, 1));
+        return (middle - hand.tip_in_palm(*d, 2)).norm() - hand.branches[0].tip_radius_m -
+               hand.branches[2].tip_radius_m;
+    }
+    Array<double> psi_of(const InVector &q) const
+    {
+        return out_array(prototype_.synergy.psi(in_vector<kJoints>(q, "q")));
+    }
+    Array<double> posture_of(const InVector &psi) const
+    {
+        return out_array(prototype_.synergy.posture(in_vector<3>(psi, "psi")));
     }
 
   private:
-    ModelPtr model_;
-    Hand hand_;
+    Simulator(ModelPtr model, double torsional_friction_m, const Synergy &synergy)
+        : prototype_{std::move(model), Hand(), synergy}
+    {
+        prototype_.hand = Hand(*prototype_.model);
+        soften_fingertips(*prototype_.model, prototype_.hand, torsional_friction_m);
+    }
+    Prototype prototype_;
 };
 
 // One grasp in the hands of Python: for tests, fidelity and pictures.
 class Session {
   public:
     Session(const Simulator &simulator, const Options &options, std::uint64_t seed, std::uint64_t shard,
-            std::uint64_t index, const std::vector<int> &families)
-        : worker_(simulator.model(), simulator.geometry(), options)
+            std::uint64_t index, std::int64_t grasp_id, const std::vector<int> &families)
+        : worker_(simulator.prototype(), options, seed)
     {
         check_families(families);
         const nb::gil_scoped_release free;
-        worker_.make(seed, shard, index, static_cast<std::int64_t>(index), families);
+        worker_.make(shard, index, grasp_id, families);
     }
 
     nb::dict grasp() const
@@ -339,21 +224,70 @@ class Session {
         state_columns(out, one, [](const GraspState &g) -> const GraspState & { return g; });
         return out;
     }
-    nb::dict load(const InVector &w_e)
+    nb::dict load(const InVector &w_e, bool recheck)
     {
-        const Wrench w = in_vector<AMINN_N_WRENCH>(w_e, "w_e");
-        std::vector<CaseResult> one;
-        {
-            const nb::gil_scoped_release free;
-            one.push_back(worker_.load(w));
-        }
+        const Load load{in_vector<AMINN_N_WRENCH>(w_e, "w_e"), worker_.state().tool_in_palm.p};
+        return run(load, recheck);
+    }
+    // The next load of this grasp in its data set: draws and runs it.
+    nb::dict next_case()
+    {
+        const Load load = worker_.draw_load();
+        return run(load, worker_.draw_recheck());
+    }
+    // The settled state, and the tool as it stands in the model.
+    nb::dict scene()
+    {
+        worker_.restore();
+        const mjModel &m = worker_.model();
+        const mjData &d = worker_.data();
+        const auto copy = [](const mjtNum *x, int n) { return out_array(Eigen::Map<const Eigen::VectorXd>(x, n)); };
         nb::dict out;
-        case_columns(out, one, [](const CaseResult &c) -> const CaseResult & { return c; });
+        out["qpos"] = copy(d.qpos, m.nq);
+        out["qvel"] = copy(d.qvel, m.nv);
+        out["ctrl"] = copy(d.ctrl, m.nu);
+        nb::list geoms;
+        for (const Primitive &g : worker_.state().tool.geoms) {
+            if (!g.used)
+                continue;
+            nb::dict geom;
+            const std::array<double, 4> quat = g.quaternion();
+            geom["type"] = g.type;
+            geom["size"] = vector_list(g.size);
+            geom["pos"] = vector_list(Vec3(g.x_m, 0, 0));
+            geom["quat"] = vector_list(Eigen::Vector4d(quat.data()));
+            geoms.append(geom);
+        }
+        out["tool_geoms"] = geoms;
+        const Tool &tool = worker_.state().tool;
+        out["mass_kg"] = tool.mass_kg;
+        out["inertia_kgm2"] = vector_list(tool.inertia_kgm2);
+        out["friction"] = tool.friction;
         return out;
     }
-    Array<double> draw_wrench()
+    // Steps and seconds of the next `cases` loads by the label protocol, and of as many steps of the engine alone: from
+    // the same state, under the same ramp of the same loads, so with the same contacts.
+    nb::dict speed(int cases)
     {
-        return out_array(worker_.draw_wrench());
+        double protocol_s = 0, bare_s = 0;
+        std::int64_t steps = 0;
+        const nb::gil_scoped_release free;
+        for (int i = 0; i < cases; ++i) {
+            const Load load = worker_.draw_load();
+            const std::int64_t before = worker_.steps();
+            const double start = seconds_now();
+            worker_.load(load, false);
+            protocol_s += seconds_now() - start;
+            const std::int64_t n = worker_.steps() - before;
+            bare_s += bare_steps(load, n);
+            steps += n;
+        }
+        const nb::gil_scoped_acquire gil;
+        nb::dict out;
+        out["steps"] = steps;
+        out["protocol_s"] = protocol_s;
+        out["bare_s"] = bare_s;
+        return out;
     }
 
     // Where the fingertip's material point that now touches the tool goes when the joints turn by dq (8), m, H.
@@ -445,6 +379,40 @@ class Session {
     }
 
   private:
+    nb::dict run(const Load &load, bool recheck)
+    {
+        std::vector<CaseResult> one;
+        {
+            const nb::gil_scoped_release free;
+            one.push_back(worker_.load(load, recheck));
+        }
+        nb::dict out;
+        case_columns(out, one, [](const CaseResult &c) -> const CaseResult & { return c; });
+        const std::vector<std::pair<const GraspState *, const CaseResult *>> sample{{nullptr, &one[0]}};
+        out["noise"] = noise_columns(sample);
+        return out;
+    }
+    // Seconds that n steps of the engine take under `load`, with nothing between them but the ramp.
+    double bare_steps(const Load &load, std::int64_t n)
+    {
+        worker_.restore();
+        const mjModel *m = &worker_.model();
+        mjData *d = &worker_.data();
+        const Mat3 R = worker_.hand().palm(*d).R;
+        Wrench world;
+        world << R * load.w_e.head<3>(), R * load.w_e.tail<3>();
+        mjtNum *applied = d->xfrc_applied + 6 * worker_.hand().tool_body;
+        const double start = seconds_now();
+        guarded([&] {
+            for (std::int64_t i = 0; i < n; ++i) {
+                const double x = std::min(1.0, static_cast<double>(i + 1) / 200);
+                for (int k = 0; k < AMINN_N_WRENCH; ++k)
+                    applied[k] = x * x * (3 - 2 * x) * world[k];
+                mj_step(m, d);
+            }
+        });
+        return seconds_now() - start;
+    }
     const ContactState::Row &contact(int b) const
     {
         if (b < 0 || b >= kBranches)
@@ -460,6 +428,7 @@ class Session {
 NB_MODULE(_core, m)
 {
     using namespace aminn::sim;
+    namespace nb = nanobind;
     m.doc() = "Grasps of a tendon hand in MuJoCo; see aminn_sim.simulate for the way in.";
     install_handlers();
     nb::exception<MujocoError>(m, "MujocoError", PyExc_RuntimeError);
@@ -484,29 +453,60 @@ NB_MODULE(_core, m)
     m.attr("DIMENSIONS") = nb::make_tuple(kBranches, kCoords, kJoints, AMINN_N_CONTACT_FEATURE, AMINN_N_WRENCH);
     m.attr("MUJOCO_VERSION") = std::string(mj_versionString());
 
+    nb::list rejections;
+    for (const char *name : kRejectionNames)
+        rejections.append(name);
+    m.attr("REJECTIONS") = nb::tuple(rejections);
     m.def(
-        "psi_of", [](const InVector &q) { return out_array(Synergy().psi(in_vector<kJoints>(q, "q"))); }, "q"_a,
-        "Synergy coordinates (size, spread, curl) of joint angles q (8, rad).");
+        "sobol_point",
+        [](std::uint32_t index) {
+            const Sobol::Point x = Sobol().point(index);
+            return out_array(Eigen::Map<const Eigen::VectorXd>(x.data(), static_cast<Eigen::Index>(x.size())));
+        },
+        "index"_a, "Point of the Sobol' sequence that grasps are drawn from, before its shift by the seed.");
     m.def(
-        "posture_of", [](const InVector &psi) { return out_array(Synergy().posture(in_vector<3>(psi, "psi"))); },
-        "psi"_a, "Joint angles (8, rad) of synergy coordinates.");
+        "nearest_on_ellipsoid",
+        [](const InVector &half, const InVector &point) {
+            const SurfacePoint s = nearest_on_ellipsoid(in_vector<3>(half, "half"), in_vector<3>(point, "point"));
+            return nb::make_tuple(out_array(s.normal), s.distance);
+        },
+        "half"_a, "point"_a, "Outward normal at the surface point nearest to `point`, and the distance along it.");
+    m.def(
+        "nearest_on_cylinder",
+        [](double radius, double half_length, const InVector &point) {
+            const SurfacePoint s = nearest_on_cylinder(radius, half_length, in_vector<3>(point, "point"));
+            return nb::make_tuple(out_array(s.normal), s.distance);
+        },
+        "radius"_a, "half_length"_a, "point"_a, "The same for a cylinder about z.");
 
     nb::class_<Simulator>(m, "Simulator", "A compiled hand and tool.")
-        .def(nb::init<const std::string &>(), "model_path"_a)
         .def(
-            "shard", &Simulator::shard, "options"_a, "seed"_a, "shard"_a, "first_grasp_id"_a, "grasps"_a, "cases"_a,
-            "threads"_a, "families"_a, "progress"_a = nb::none(),
-            "Simulate a shard: dict of samples, grasps (dicts of arrays) and rejections. Same result for any number of "
-            "threads. progress(cases done) is called from this thread; what it raises stops the simulation.")
-        .def("hand", &Simulator::hand, "The manifest's entry `hand`, read from the compiled model.");
+            "__init__",
+            [](Simulator *self, const std::string &path, double torsional_friction_m, const InVector &neutral,
+               const std::vector<InVector> &columns, const InVector &delta, const InVector &low, const InVector &high) {
+                new (self) Simulator(path, torsional_friction_m, make_synergy(neutral, columns, delta, low, high));
+            },
+            "model_path"_a, "torsional_friction_m"_a, "neutral"_a, "columns"_a, "delta"_a, "low"_a, "high"_a)
+        .def("shard", &Simulator::shard, "options"_a, "seed"_a, "shard"_a, "first_grasp_id"_a, "grasps"_a, "cases"_a,
+             "threads"_a, "families"_a, "progress"_a = nb::none(),
+             "Simulate a shard: dict of samples, grasps and noise (dicts of arrays) and of the engine's steps. Same "
+             "result "
+             "for any number of threads. progress(cases done) is called from this thread; what it raises stops it.")
+        .def("hand", &Simulator::hand, "The manifest's entry `hand`, read from the compiled model.")
+        .def("gap", &Simulator::gap, "psi"_a, "Distance of the fingertips across the pinch (m) at psi.")
+        .def("psi_of", &Simulator::psi_of, "q"_a,
+             "Synergy coordinates (size, spread, curl) of joint angles q (8, rad).")
+        .def("posture_of", &Simulator::posture_of, "psi"_a, "Joint angles (8, rad) of synergy coordinates.");
 
     nb::class_<Session>(m, "Session", "One grasp, to be loaded and examined.")
-        .def(nb::init<const Simulator &, const Options &, std::uint64_t, std::uint64_t, std::uint64_t,
+        .def(nb::init<const Simulator &, const Options &, std::uint64_t, std::uint64_t, std::uint64_t, std::int64_t,
                       const std::vector<int> &>(),
-             "simulator"_a, "options"_a, "seed"_a, "shard"_a, "index"_a, "families"_a)
+             "simulator"_a, "options"_a, "seed"_a, "shard"_a, "index"_a, "grasp_id"_a, "families"_a)
         .def("grasp", &Session::grasp)
-        .def("load", &Session::load, "w_e"_a)
-        .def("draw_wrench", &Session::draw_wrench)
+        .def("load", &Session::load, "w_e"_a, "recheck"_a = false)
+        .def("next_case", &Session::next_case)
+        .def("scene", &Session::scene)
+        .def("speed", &Session::speed, "cases"_a)
         .def("fingertip_point", &Session::fingertip_point, "branch"_a, "dq"_a)
         .def("tool_point", &Session::tool_point, "branch"_a, "dx"_a)
         .def("engine_jacobian", &Session::engine_jacobian, "branch"_a)

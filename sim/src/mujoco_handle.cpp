@@ -1,5 +1,7 @@
 #include "mujoco_handle.hpp"
 
+#include "contact_shapes.hpp"
+
 #include <cstring>
 #include <mutex>
 
@@ -34,6 +36,7 @@ void install_handlers()
     std::call_once(once, [] {
         mju_user_error = on_error;
         mju_user_warning = on_warning;
+        install_contact_shapes();
     });
 }
 

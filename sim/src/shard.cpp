@@ -14,12 +14,11 @@ namespace {
 // Shared by the workers of one shard.
 class Job {
   public:
-    Job(const mjModel &prototype, const Hand &hand, const Options &options, const ShardRequest &request)
-        : prototype_(prototype), hand_(hand), options_(options), request_(request)
+    Job(const Prototype &prototype, const Options &options, const ShardRequest &request)
+        : prototype_(prototype), options_(options), request_(request)
     {
         result_.grasps.resize(static_cast<std::size_t>(request.grasps));
         result_.cases.resize(static_cast<std::size_t>(request.grasps));
-        result_.rejections.assign(16, 0);
     }
 
     void start()
@@ -58,6 +57,7 @@ class Job {
         join();
         if (error_)
             std::rethrow_exception(error_);
+        result_.steps = steps_;
         return std::move(result_);
     }
 
@@ -71,12 +71,10 @@ class Job {
     void work()
     {
         try {
-            GraspWorker worker(prototype_, hand_, options_);
+            GraspWorker worker(prototype_, options_, request_.seed);
             for (int g = next_++; g < request_.grasps && !stop_; g = next_++)
                 one_grasp(worker, g);
-            const std::lock_guard lock(mutex_);
-            for (std::size_t i = 0; i < result_.rejections.size(); ++i)
-                result_.rejections[i] += worker.rejections()[i];
+            steps_ += worker.steps();
         } catch (...) {
             const std::lock_guard lock(mutex_);
             if (!error_)
@@ -91,16 +89,16 @@ class Job {
     void one_grasp(GraspWorker &worker, int g)
     {
         const auto slot = static_cast<std::size_t>(g);
-        result_.grasps[slot] = worker.make(request_.seed, request_.shard, static_cast<std::uint64_t>(g),
-                                           request_.first_grasp_id + g, request_.families);
+        result_.grasps[slot] =
+            worker.make(request_.shard, static_cast<std::uint64_t>(g), request_.first_grasp_id + g, request_.families);
         for (int i = 0; i < request_.cases && !stop_; ++i) {
-            result_.cases[slot].push_back(worker.load(worker.draw_wrench()));
+            const Load load = worker.draw_load();
+            result_.cases[slot].push_back(worker.load(load, worker.draw_recheck()));
             ++cases_done_;
         }
     }
 
-    const mjModel &prototype_;
-    const Hand &hand_;
+    const Prototype &prototype_;
     const Options &options_;
     const ShardRequest &request_;
     ShardResult result_;
@@ -108,6 +106,7 @@ class Job {
     std::mutex mutex_;
     std::condition_variable done_;
     std::atomic<int> next_{0}, cases_done_{0};
+    std::atomic<std::int64_t> steps_{0};
     std::atomic<bool> stop_{false};
     int running_ = 0;
     std::exception_ptr error_;
@@ -115,10 +114,10 @@ class Job {
 
 } // namespace
 
-ShardResult simulate_shard(const mjModel &prototype, const Hand &hand, const Options &options,
-                           const ShardRequest &request, const std::function<void(int)> &poll)
+ShardResult simulate_shard(const Prototype &prototype, const Options &options, const ShardRequest &request,
+                           const std::function<void(int)> &poll)
 {
-    Job job(prototype, hand, options, request);
+    Job job(prototype, options, request);
     job.start();
     while (!job.wait())
         poll(job.cases_done());

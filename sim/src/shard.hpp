@@ -17,13 +17,13 @@ struct ShardRequest {
 struct ShardResult {
     std::vector<GraspState> grasps;             // in order of grasp id
     std::vector<std::vector<CaseResult>> cases; // of each grasp
-    std::vector<int> rejections;                // attempts thrown away, by cause
+    std::int64_t steps = 0;                     // of the engine
 };
 
 // Simulates a shard. The result depends on the request and options, and not on the number of threads or their timing.
 // `poll` is called on the calling thread about ten times a second with the number of load cases done; if it throws, the
 // workers stop at their next case and the exception goes on to the caller. Exceptions of workers do the same.
-ShardResult simulate_shard(const mjModel &prototype, const Hand &hand, const Options &options,
-                           const ShardRequest &request, const std::function<void(int)> &poll);
+ShardResult simulate_shard(const Prototype &prototype, const Options &options, const ShardRequest &request,
+                           const std::function<void(int)> &poll);
 
 } // namespace aminn::sim

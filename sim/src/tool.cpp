@@ -1,60 +1,183 @@
 #include "tool.hpp"
 
+#include "contact_shapes.hpp"
+
+#include <algorithm>
+
 namespace aminn::sim {
 
-const std::array<const char *, kToolFamilies> kToolFamilyNames = {"handle", "block", "ball"};
+const std::array<const char *, kToolFamilies> kToolFamilyNames = {"cylinder", "capsule", "ellipsoid", "screwdriver"};
 
 namespace {
 
 struct Range {
     double low, high;
-    bool holds(double x) const
+    // u in [0, 1)
+    double at(double u) const
     {
-        return low <= x && x <= high;
+        return low + (high - low) * u;
     }
     double draw(Random &random) const
     {
-        return random.uniform(low, high);
+        return at(random.uniform());
     }
 };
 
-// Half thickness (or radius) that a family may have, and its other half extents, m.
-constexpr Range kHandleRadius{0.008, 0.022}, kHandleHalfLength{0.045, 0.080};
-constexpr Range kBlockHalfThickness{0.007, 0.022}, kBlockHalfLength{0.040, 0.070}, kBlockHalfWidth{0.014, 0.022};
-constexpr Range kBallRadius{0.013, 0.026};
-constexpr Range kClearance{0.0015, 0.0035}; // between a fingertip and the tool before closing
+// m, unless said otherwise.
+constexpr Range kCylinderHalfLength{0.045, 0.080}, kCapsuleHalfLength{0.040, 0.070}; // of a capsule: without its caps
+constexpr Range kEllipsoidHalfLength{0.035, 0.060}, kEllipsoidWidthRatio{0.8, 1.25}; // half width over half thickness
+constexpr Range kGripHalfLength{0.040, 0.055}, kShaftLength{0.060, 0.110}, kShaftRadius{0.0025, 0.004};
+constexpr double kShaftDensityRatio = 6.5;                  // steel (7800 kg/m^3) over the grip's plastic (1200 kg/m^3)
+constexpr Range kClearance{0.0015, 0.0035};                 // between a fingertip and the tool before closing
+constexpr Range kShiftX{-0.012, 0.012}, kShiftZ{-0.2, 0.2}; // the latter in units of the half thickness
+constexpr double kTilt[3] = {0.0, 0.15, 0.10};              // rad, greatest, about the tool's own axes
+constexpr double kEllipsoidTilt[3] = {0.10, 0.15, 0.10};
+constexpr double kEllipsoidShift = 0.25; // of the shifts of the other families: its surface curves away
+constexpr double kEllipsoidSpan = 0.6;   // half distance of the fingers, at most, in units of the half length
 
-double capsule_volume(double r, double h)
+// A solid of revolution about x, of density 1: moments are about its own centre of mass.
+struct Solid {
+    double mass, x, axial, across;
+};
+
+Solid cylinder(double r, double half, double x)
 {
-    return M_PI * r * r * h + 4.0 / 3.0 * M_PI * r * r * r;
+    const double m = 2 * M_PI * r * r * half;
+    return {m, x, 0.5 * m * r * r, m * (0.25 * r * r + half * half / 3)};
+}
+// The dome points along +x (side 1) or -x (side -1) from its flat face at x.
+Solid hemisphere(double r, double x, double side)
+{
+    const double m = 2.0 / 3.0 * M_PI * r * r * r;
+    return {m, x + side * 0.375 * r, 0.4 * m * r * r, 83.0 / 320.0 * m * r * r};
+}
+
+struct MassProperties {
+    double mass = 0, x = 0;
+    Vec3 inertia = Vec3::Zero();
+};
+
+MassProperties combine(const std::vector<Solid> &solids)
+{
+    MassProperties out;
+    for (const Solid &s : solids)
+        out.mass += s.mass, out.x += s.mass * s.x;
+    out.x /= out.mass;
+    for (const Solid &s : solids) {
+        const double across = s.across + s.mass * (s.x - out.x) * (s.x - out.x);
+        out.inertia += Vec3(s.axial, across, across);
+    }
+    return out;
+}
+
+// Sets mass and inertia from the solids and moves the origin into the centre of mass.
+void weigh(Tool &tool, const std::vector<Solid> &solids)
+{
+    const MassProperties p = combine(solids);
+    tool.inertia_kgm2 = p.inertia * (tool.mass_kg / p.mass);
+    tool.grip_x_m -= p.x;
+    tool.reach_low_m -= p.x;
+    tool.reach_high_m -= p.x;
+    for (Primitive &g : tool.geoms)
+        g.x_m -= g.used ? p.x : 0;
+}
+
+void make_cylinder(Tool &tool, double r, double half)
+{
+    tool.half_m << half, r, r;
+    tool.geoms[0] = {mjGEOM_CYLINDER, true, Vec3(r, half, 0), 0};
+    tool.reach_low_m = -half, tool.reach_high_m = half;
+    weigh(tool, {cylinder(r, half, 0)});
+}
+
+void make_capsule(Tool &tool, double r, double half)
+{
+    tool.half_m << half + r, r, r;
+    tool.geoms[0] = {mjGEOM_CAPSULE, true, Vec3(r, half, 0), 0};
+    tool.reach_low_m = -half - r, tool.reach_high_m = half + r;
+    weigh(tool, {cylinder(r, half, 0), hemisphere(r, half, 1), hemisphere(r, -half, -1)});
+}
+
+void make_ellipsoid(Tool &tool, const Vec3 &half)
+{
+    tool.half_m = half;
+    tool.geoms[0] = {mjGEOM_ELLIPSOID, true, half, 0};
+    tool.reach_low_m = -half.x(), tool.reach_high_m = half.x();
+    const Vec3 s = half.cwiseProduct(half) * (tool.mass_kg / 5);
+    tool.inertia_kgm2 << s.y() + s.z(), s.x() + s.z(), s.x() + s.y();
+}
+
+// A grip (cylinder) with a round butt and a shaft; x runs from the butt to the blade.
+void make_screwdriver(Tool &tool, double r, double half, double shaft_length, double shaft_radius)
+{
+    tool.half_m << half, r, r;
+    const double shaft_half = 0.5 * shaft_length - shaft_radius, shaft_x = half + 0.5 * shaft_length - shaft_radius;
+    tool.geoms[0] = {mjGEOM_CYLINDER, true, Vec3(r, half, 0), 0};
+    tool.geoms[1] = {mjGEOM_SPHERE, true, Vec3(r, 0, 0), -half};
+    tool.geoms[2] = {mjGEOM_CAPSULE, true, Vec3(shaft_radius, shaft_half, 0), shaft_x};
+    tool.reach_low_m = -half - r, tool.reach_high_m = shaft_x + shaft_half + shaft_radius;
+    Solid shaft = cylinder(shaft_radius, 0.5 * shaft_length, half + 0.5 * shaft_length);
+    for (double *x : {&shaft.mass, &shaft.axial, &shaft.across})
+        *x *= kShaftDensityRatio;
+    weigh(tool, {cylinder(r, half, 0), hemisphere(r, -half, -1), shaft});
+}
+
+// Half thickness of an ellipsoid that has `clearance` to the thumb, at the origin, and to a finger beside the y axis.
+// Negative where there is none in the range.
+double ellipsoid_thickness(const Range &range, double half_length, double ratio, double gap, double half_span,
+                           double thumb, double finger)
+{
+    const auto room = [&](double b) { // at the finger, more than asked
+        const Vec3 point(half_span, gap - thumb - b, 0);
+        return nearest_on_ellipsoid(Vec3(half_length, b, ratio * b), point).distance - finger;
+    };
+    double low = range.low, high = range.high;
+    if (room(low) < 0 || room(high) > 0)
+        return -1;
+    for (int i = 0; i < 60; ++i) {
+        const double middle = 0.5 * (low + high);
+        (room(middle) > 0 ? low : high) = middle;
+    }
+    return low;
 }
 
 } // namespace
 
-Vec3 Tool::inertia_kgm2() const
+std::array<double, 4> Primitive::quaternion() const
 {
-    switch (family) {
-    case ToolFamily::handle: {
-        const double r = half_m.y(), h = 2 * (half_m.x() - r); // cylinder of length h with hemispherical caps
-        const double density = mass_kg / capsule_volume(r, h);
-        const double mc = density * M_PI * r * r * h, ms = mass_kg - mc;
-        const double axial = 0.5 * mc * r * r + 0.4 * ms * r * r;
-        const double across = mc * (h * h / 12 + r * r / 4) + ms * (0.4 * r * r + h * h / 4 + 0.375 * h * r);
-        return {axial, across, across};
-    }
-    case ToolFamily::block: {
-        const Vec3 s = half_m.cwiseProduct(half_m) * (mass_kg / 3);
-        return {s.y() + s.z(), s.x() + s.z(), s.x() + s.y()};
-    }
-    case ToolFamily::ball:
-        break;
-    }
-    return Vec3::Constant(0.4 * mass_kg * half_m.x() * half_m.x());
+    if (type != mjGEOM_CYLINDER && type != mjGEOM_CAPSULE)
+        return {1, 0, 0, 0};
+    return {std::sqrt(0.5), 0, std::sqrt(0.5), 0}; // MuJoCo has their axis along z
 }
 
-bool draw_tool(Random &random, const Options &options, ToolFamily family, const std::array<Vec3, kBranches> &tip,
-               const std::array<double, kBranches> &tip_radius, Tool &tool, Pose &tool_in_palm)
+double Primitive::reach_m() const
 {
+    switch (type) {
+    case mjGEOM_CYLINDER:
+        return std::hypot(size[0], size[1]);
+    case mjGEOM_CAPSULE:
+        return size[0] + size[1];
+    default:
+        return size.maxCoeff();
+    }
+}
+
+Vec3 Tool::surface_point(double along, double angle) const
+{
+    const double x = reach_low_m + along * (reach_high_m - reach_low_m);
+    Vec3 radius = half_m;
+    if (family == ToolFamily::ellipsoid)
+        radius *= std::sqrt(std::max(0.0, 1 - x * x / (half_m.x() * half_m.x())));
+    else if (geoms[2].used && x > grip_x_m + half_m.x())
+        radius.setConstant(geoms[2].size[0]);
+    return {x, radius.y() * std::cos(angle), radius.z() * std::sin(angle)};
+}
+
+bool draw_tool(Random &random, const Options &options, ToolFamily family, const Placement &placement,
+               const std::array<Vec3, kBranches> &tip, const std::array<double, kBranches> &tip_radius, Tool &tool,
+               Pose &tool_in_palm)
+{
+    tool = Tool();
     tool.family = family;
     tool.mass_kg = random.log_uniform(options.mass_min_kg, options.mass_max_kg);
     tool.friction = random.uniform(options.friction_min, options.friction_max);
@@ -69,74 +192,71 @@ bool draw_tool(Random &random, const Options &options, ToolFamily family, const 
     Mat3 R;
     R << x, y, x.cross(y);
 
-    double half_thickness = 0.5 * (gap - thumb - finger);
-    Vec3 tilt = Vec3::Zero(); // small turns about the tool's own axes
-    Vec3 shift = Vec3::Zero();
+    const Range radius{options.radius_min_m, options.radius_max_m};
+    double thickness = 0.5 * (gap - thumb - finger), shift_scale = 1;
+    const double *tilt_max = kTilt;
+    const bool fits = radius.low <= thickness && thickness <= radius.high;
     switch (family) {
-    case ToolFamily::handle:
-        if (!kHandleRadius.holds(half_thickness))
+    case ToolFamily::cylinder:
+        if (!fits)
             return false;
-        tool.half_m << kHandleHalfLength.draw(random) + half_thickness, half_thickness, half_thickness;
-        tilt << 0, random.uniform(-0.12, 0.12), random.uniform(-0.10, 0.10);
-        shift << random.uniform(-0.012, 0.012), 0, random.uniform(-0.2, 0.2) * half_thickness;
+        make_cylinder(tool, thickness, kCylinderHalfLength.draw(random));
         break;
-    case ToolFamily::block:
-        if (!kBlockHalfThickness.holds(half_thickness))
+    case ToolFamily::capsule:
+        if (!fits)
             return false;
-        tool.half_m << kBlockHalfLength.draw(random), half_thickness, kBlockHalfWidth.draw(random);
-        tilt << random.uniform(-0.10, 0.10), random.uniform(-0.25, 0.25), random.uniform(-0.10, 0.10);
-        shift << random.uniform(-0.012, 0.012), 0, random.uniform(-0.005, 0.005);
+        make_capsule(tool, thickness, kCapsuleHalfLength.draw(random));
         break;
-    case ToolFamily::ball: {
-        // the fingertips sit beside the pinch axis: the sphere that all three tips are equally far from
-        const double half_span = 0.5 * (tip[0] - tip[1]).norm();
-        const double radius = (gap * (gap - 2 * thumb) + thumb * thumb + half_span * half_span - finger * finger) /
-                              (2 * (gap - thumb + finger));
-        if (!kBallRadius.holds(radius) || half_span > 0.6 * (radius + tip_radius[0]))
+    case ToolFamily::screwdriver: {
+        if (!fits)
             return false;
-        half_thickness = radius;
-        tool.half_m.setConstant(radius);
-        shift << random.uniform(-0.0015, 0.0015), 0, random.uniform(-0.0015, 0.0015);
+        const double half = kGripHalfLength.draw(random), shaft = kShaftLength.draw(random);
+        make_screwdriver(tool, thickness, half, shaft, kShaftRadius.draw(random));
+        break;
+    }
+    case ToolFamily::ellipsoid: {
+        const double half_span = 0.5 * (tip[0] - tip[1]).norm(), half = kEllipsoidHalfLength.draw(random);
+        const double ratio = kEllipsoidWidthRatio.draw(random);
+        thickness = ellipsoid_thickness(radius, half, ratio, gap, half_span, thumb, finger);
+        if (thickness < 0 || half_span > kEllipsoidSpan * half)
+            return false;
+        make_ellipsoid(tool, Vec3(half, thickness, ratio * thickness));
+        tilt_max = kEllipsoidTilt;
+        shift_scale = kEllipsoidShift;
         break;
     }
     }
-    tool_in_palm.p = tip[2] + (thumb + half_thickness) * y + R * shift;
-    tool_in_palm.R = R * Eigen::AngleAxisd(tilt.norm(), tilt.norm() > 0 ? Vec3(tilt.normalized()) : Vec3::UnitX());
+    const Vec3 shift(shift_scale * kShiftX.at(placement.shift_x) - tool.grip_x_m, 0,
+                     shift_scale * kShiftZ.at(placement.shift_z) * thickness);
+    const Vec3 tilt = (2 * placement.tilt - Vec3::Ones()).cwiseProduct(Vec3(tilt_max[0], tilt_max[1], tilt_max[2]));
+    const Mat3 turn(Eigen::AngleAxisd(tilt.norm(), tilt.norm() > 0 ? Vec3(tilt.normalized()) : Vec3::UnitX()));
+    // turned about the grip's centre
+    const Vec3 grip(tool.grip_x_m, 0, 0);
+    tool_in_palm.R = R * turn;
+    tool_in_palm.p = tip[2] + (thumb + thickness) * y + R * (shift + grip) - tool_in_palm.R * grip;
     return true;
 }
 
 void install_tool(mjModel &m, mjData &d, const Hand &hand, const Tool &tool)
 {
-    const int g = hand.tool_geom, b = hand.tool_body;
-    mjtNum *size = m.geom_size + 3 * g, *quat = m.geom_quat + 4 * g;
-    const mjtNum turned[4] = {std::sqrt(0.5), 0, std::sqrt(0.5), 0}; // a capsule's own axis is z; the tool's is x
-    mju_zero3(size);
-    mju_unit4(quat);
-    m.geom_sameframe[g] = 0;
-    switch (tool.family) {
-    case ToolFamily::handle:
-        m.geom_type[g] = mjGEOM_CAPSULE;
-        size[0] = tool.half_m.y();
-        size[1] = tool.half_m.x() - tool.half_m.y();
-        mju_copy4(quat, turned);
-        m.geom_rbound[g] = tool.half_m.x();
-        break;
-    case ToolFamily::block:
-        m.geom_type[g] = mjGEOM_BOX;
-        for (int i = 0; i < 3; ++i)
-            size[i] = tool.half_m[i];
-        m.geom_rbound[g] = tool.half_m.norm();
-        break;
-    case ToolFamily::ball:
-        m.geom_type[g] = mjGEOM_SPHERE;
-        size[0] = m.geom_rbound[g] = tool.half_m.x();
-        break;
+    for (int k = 0; k < kToolGeoms; ++k) {
+        const Primitive &primitive = tool.geoms[static_cast<std::size_t>(k)];
+        const int g = hand.tool_geoms[static_cast<std::size_t>(k)];
+        m.geom_type[g] = primitive.type;
+        m.geom_conaffinity[g] = primitive.used;
+        m.geom_sameframe[g] = 0;
+        m.geom_rbound[g] = primitive.reach_m();
+        m.geom_friction[3 * g] = tool.friction;
+        const std::array<double, 4> quaternion = primitive.quaternion();
+        for (int i = 0; i < 3; ++i) {
+            m.geom_size[3 * g + i] = primitive.size[i];
+            m.geom_pos[3 * g + i] = i == 0 ? primitive.x_m : 0;
+        }
+        std::copy(quaternion.begin(), quaternion.end(), m.geom_quat + 4 * g);
     }
-    m.geom_friction[3 * g] = tool.friction;
-    m.body_mass[b] = tool.mass_kg;
-    const Vec3 inertia = tool.inertia_kgm2();
+    m.body_mass[hand.tool_body] = tool.mass_kg;
     for (int i = 0; i < 3; ++i)
-        m.body_inertia[3 * b + i] = inertia[i];
+        m.body_inertia[3 * hand.tool_body + i] = tool.inertia_kgm2[i];
     guarded([&] { mj_setConst(&m, &d), mj_resetData(&m, &d); });
 }
 

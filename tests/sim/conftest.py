@@ -8,12 +8,12 @@ import pytest
 from small_data import SMALL
 
 from aminn_sim import SimulationConfig, _core, simulate
-from aminn_sim.simulate import load_simulator
+from aminn_sim.hand_file import read_hand_file
 
 
 @pytest.fixture(scope="session")
 def simulator() -> _core.Simulator:
-    return load_simulator()
+    return read_hand_file().simulator()
 
 
 @pytest.fixture(scope="session")
@@ -21,7 +21,8 @@ def sessions(simulator: _core.Simulator) -> dict[str, _core.Session]:
     """A grasp of each tool family."""
     options = SimulationConfig().options()
     return {
-        name: _core.Session(simulator, options, 11, 0, index, [index]) for index, name in enumerate(_core.TOOL_FAMILIES)
+        name: _core.Session(simulator, options, 11, 0, index, index, [index])
+        for index, name in enumerate(_core.TOOL_FAMILIES)
     }
 
 

@@ -10,14 +10,14 @@ import sys
 from pathlib import Path
 
 import pytest
-from small_data import SMALL
+from small_data import SMALL, command_line
 
 from aminn_sim import SimulationConfig, simulate
 from aminn_sim.simulate import shard_name
 
 
 def command(folder: Path) -> list[str]:
-    settings = [f"--{name.replace('_', '-')}={value}" for name, value in SMALL.items()]
+    settings = command_line(SMALL)
     return [sys.executable, "-m", "aminn.cli", "simulate", "--out", str(folder), "--threads=1", *settings]
 
 

@@ -16,8 +16,8 @@ import pytest
 from small_data import SMALL
 
 from aminn_sim import SimulationConfig, SimulationError, _core, simulate
-from aminn_sim.fidelity import read_arrays
-from aminn_sim.schema import GRASP_FIELDS, SAMPLE_FIELDS
+from aminn_sim.read import read_data
+from aminn_sim.schema import GROUPS, SAMPLE_FIELDS
 from aminn_sim.simulate import file_sha256, shard_name
 
 
@@ -47,13 +47,14 @@ def test_a_shard_does_not_depend_on_the_others(dataset_dir: Path, tmp_path: Path
 
 def test_other_seeds_give_other_grasps(dataset_dir: Path, tmp_path: Path) -> None:
     simulate(SimulationConfig(**SMALL | {"seed": 8}), tmp_path / "data", threads=2, progress=False)
-    ours, theirs = read_arrays(dataset_dir)[1], read_arrays(tmp_path / "data")[1]
+    ours, theirs = read_data(dataset_dir).samples, read_data(tmp_path / "data").samples
     assert (np.abs(ours["q"] - theirs["q"]).max(1) > 0).all()
 
 
 def test_manifest_describes_the_shards(dataset_dir: Path) -> None:
-    manifest, samples, grasps = read_arrays(dataset_dir)
-    assert manifest["schema_version"] == 1 and manifest["simulator"].startswith("MuJoCo 2.2")
+    data = read_data(dataset_dir)
+    manifest, samples, grasps = data.manifest, data.samples, data.grasps
+    assert manifest["schema_version"] == 2 and manifest["simulator"].startswith("MuJoCo 2.2")
     assert manifest["n_samples"] == len(samples["stable"]) == SMALL["grasps"] * SMALL["cases"]
     assert manifest["n_grasps"] == len(grasps["grasp_id"]) == SMALL["grasps"]
     assert manifest["config"]["seed"] == manifest["seed"] == SMALL["seed"]
@@ -61,13 +62,14 @@ def test_manifest_describes_the_shards(dataset_dir: Path) -> None:
         assert file_sha256(dataset_dir / shard["file"]) == shard["sha256"]
     text = (dataset_dir / "manifest.json").read_text()
     assert text == json.dumps(json.loads(text), sort_keys=True, indent=1) + "\n"
-    assert set(manifest["fields"]) == set(SAMPLE_FIELDS) | {f"grasps/{n}" for n in GRASP_FIELDS}
+    assert set(manifest["fields"]) == set(SAMPLE_FIELDS) | {f"{g}/{n}" for g in ("grasps", "noise") for n in GROUPS[g]}
     hand = manifest["hand"]
     assert hand["branch_joints"] == [[0, 1, 2], [3, 4, 5], [-1, 6, 7]] and len(hand["tendons"]) == 6
 
 
 def test_samples_are_finite_and_consistent(dataset_dir: Path) -> None:
-    manifest, samples, grasps = read_arrays(dataset_dir)
+    data = read_data(dataset_dir)
+    manifest, samples, grasps = data.manifest, data.samples, data.grasps
     for name, field in SAMPLE_FIELDS.items():
         assert samples[name].shape[1:] == field.shape and np.isfinite(samples[name]).all(), name
     assert (samples["stable"] == (samples["reason"] == 0)).all()
@@ -85,7 +87,8 @@ def test_samples_are_finite_and_consistent(dataset_dir: Path) -> None:
 
 
 def test_grasp_ids_are_unique_and_consecutive(dataset_dir: Path) -> None:
-    _, samples, grasps = read_arrays(dataset_dir)
+    data = read_data(dataset_dir)
+    samples, grasps = data.samples, data.grasps
     assert grasps["grasp_id"].tolist() == list(range(SMALL["grasps"]))
     assert np.bincount(samples["grasp_id"]).tolist() == [SMALL["cases"]] * SMALL["grasps"]
     for i in range(1, SMALL["grasps"]):  # cases of one grasp share its state, grasps differ

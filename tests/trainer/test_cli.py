@@ -48,6 +48,9 @@ def test_train_evaluate_and_report(data_dir: Path, tmp_path: Path) -> None:
         (("verify", "--export", "{empty}", "--data", "{data}", "--build", "{empty}"), "aminn export"),
         (("simulate", "--out", "{data}", "--grasps", 2, "--cases", 2), "not a readable shard"),
         (("simulate", "--out", "{out}", "--family", "banana"), "banana"),
+        (("simulate", "--out", "{out}", "--set", "mass_min"), "--set mass_min: expected NAME=VALUE"),
+        (("simulate", "--out", "{out}", "--set", "ramp_s=soon"), "--set ramp_s=soon: 'soon' is not a number"),
+        (("simulate", "--out", "{out}", "--hand", "nothing.toml"), "nothing.toml: the hand file cannot be read"),
     ],
 )
 def test_errors_are_one_line_for_the_user(

@@ -64,7 +64,15 @@ def main() -> None:
 )
 @click.option("--shard-grasps", type=click.IntRange(1), default=None, help="Grasps per shard.")
 @click.option("--family", "families", multiple=True, help="Tool family; may be repeated.  [default: all]")
-@click.option("--friction", type=(float, float), default=None, help="Least and greatest friction.")
+@click.option("--hand", type=click.Path(path_type=Path), default=None, help="Hand file (TOML)  [default: built in]")
+@click.option(
+    "--set",
+    "changes",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="Any other number of the configuration, e.g. friction_min=0.6; may be repeated. The names are the fields of "
+    "aminn_sim.SimulationConfig.",
+)
 def simulate(
     out: Path,
     grasps: int,
@@ -74,15 +82,15 @@ def simulate(
     engine: str,
     shard_grasps: int | None,
     families: tuple[str, ...],
-    friction: tuple[float, float] | None,
+    hand: Path | None,
+    changes: tuple[str, ...],
 ) -> None:
     """Simulate grasps under load and write a labelled data set."""
-    from .pipeline import run_simulation
+    from .pipeline import run_simulation, simulation_settings
 
-    settings = {"shard_grasps": shard_grasps, "families": families or None}
-    settings |= {"friction_min": friction[0], "friction_max": friction[1]} if friction else {}
-    given = {name: value for name, value in settings.items() if value is not None}
-    manifest = run_simulation(out, grasps, cases, seed, threads, engine, **given)
+    settings: dict[str, object] = {"shard_grasps": shard_grasps, "families": families or None}
+    given = {name: value for name, value in settings.items() if value is not None} | simulation_settings(changes)
+    manifest = run_simulation(out, grasps, cases, seed, threads, engine, hand, **given)
     click.echo(f"{manifest['n_samples']} load cases of {manifest['n_grasps']} grasps in {out}")
 
 

@@ -5,8 +5,9 @@ The other packages are imported where they are used: who trains needs no exporte
 
 from __future__ import annotations
 
+import dataclasses
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -38,6 +39,24 @@ def anew_if_outdated(folder: Path, work: Callable[[], T]) -> T:
         return work()
 
 
+def simulation_settings(changes: Sequence[str]) -> dict[str, float]:
+    """Fields of the simulation's configuration from texts NAME=VALUE. Raises AminnError where one is no number."""
+    from aminn_sim import SimulationConfig
+
+    whole = {f.name: f.type == "int" for f in dataclasses.fields(SimulationConfig) if f.type in ("int", "float")}
+    out: dict[str, float] = {}
+    for change in changes:
+        name, equals, text = change.partition("=")
+        if not equals or name not in whole:
+            raise AminnError(f"--set {change}: expected NAME=VALUE with one of {', '.join(whole)}")
+        try:
+            out[name] = int(text) if whole[name] else float(text)
+        except ValueError as error:
+            kind = "an integer" if whole[name] else "a number"
+            raise AminnError(f"--set {change}: {text!r} is not {kind}") from error
+    return out
+
+
 def run_simulation(
     out: Path,
     grasps: int,
@@ -45,17 +64,19 @@ def run_simulation(
     seed: int,
     threads: int | None = None,
     engine: str = "threads",
+    hand: Path | None = None,
     **settings: object,
 ) -> dict:
     """Simulate a data set into folder `out`, or go on with an unfinished one; returns its manifest.
 
-    `engine` is one of `aminn_sim.engines.ENGINES`; `settings` are further fields of `aminn_sim.SimulationConfig`.
+    `engine` is one of `aminn_sim.engines.ENGINES`, `hand` a hand file; `settings` are further fields of
+    `aminn_sim.SimulationConfig`.
     """
     from aminn_sim import SimulationConfig, SimulationError, simulate
 
     try:
         config = SimulationConfig(grasps=grasps, cases=cases, seed=seed, **settings)
-        return simulate(config, out, threads=threads or 0, engine=engine)
+        return simulate(config, out, threads=threads or 0, engine=engine, hand=hand)
     except SimulationError as error:
         raise AminnError(str(error)) from error
 

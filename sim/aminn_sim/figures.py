@@ -1,0 +1,111 @@
+"""`make sim`: is the simulation physics, and how fast? Flat figures in build/reports/sim.json, printed as they come."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+import numpy as np
+
+from . import _core
+from .config import SimulationConfig
+from .errors import SimulationError
+from .hand_file import HandFile, read_hand_file
+from .quality import dataset_figures, waiting_figures
+from .read import SimulatedData, read_data
+from .theory import Grasp, compliance_figures, dataset_errors, over_grasps, slack_figures
+
+COVERAGE_CELLS = 8  # along each synergy axis
+
+
+def synergy_figures(hand: HandFile, simulator: _core.Simulator, data: SimulatedData) -> dict[str, float]:
+    """Round trip psi -> q -> psi and q -> psi -> q inside the subspace, and how much of the range the grasps fill."""
+    rng = np.random.default_rng(0)
+    psi = rng.uniform(*hand.ranges.T, (2000, 3))
+    q = np.stack([simulator.posture_of(x) for x in psi])
+    back = np.stack([simulator.psi_of(x) for x in q])
+    again = np.stack([simulator.posture_of(x) for x in back])
+    low, high = hand.ranges.T
+    cell = np.clip((data.grasps["psi"] - low) / (high - low) * COVERAGE_CELLS, 0, COVERAGE_CELLS - 1).astype(int)
+    return {
+        "synergy_round_trip_psi_max": float(np.abs(back - psi).max()),
+        "synergy_round_trip_q_rad_max": float(np.abs(again - q).max()),
+        "synergy_cells": float(COVERAGE_CELLS**3),
+        "synergy_cells_filled_share": len(np.unique(cell, axis=0)) / COVERAGE_CELLS**3,
+    }
+
+
+def speed_figures(
+    simulator: _core.Simulator, config: SimulationConfig, grasps: int = 16, cases: int = 8, rounds: int = 5
+) -> dict[str, float]:
+    """The label protocol against the engine alone on the same steps; two threads against one, taken in turn."""
+
+    def timed(grasp: Grasp) -> dict[str, float]:
+        return grasp.session.speed(cases)
+
+    parts = over_grasps(simulator, config, grasps, 1, timed)
+    steps, protocol, bare = (sum(p[k] for p in parts) for k in ("steps", "protocol_s", "bare_s"))
+    rates: dict[int, list[float]] = {1: [], 2: []}
+    for _ in range(rounds):
+        for threads, seen in rates.items():
+            start = time.perf_counter()
+            simulator.shard(config.options(), config.seed, 0, 0, 2 * grasps, cases, threads, config.family_indices())
+            seen.append(2 * grasps * cases / (time.perf_counter() - start))
+    return {
+        "speed_steps": float(steps),
+        "speed_steps_a_second": steps / protocol,
+        "speed_of_bare_engine_share": bare / protocol,
+        "speed_cases_a_second_1_thread": float(np.median(rates[1])),
+        "speed_cases_a_second_2_threads": float(np.median(rates[2])),
+        "speed_2_threads_over_1": float(np.median(np.array(rates[2]) / np.array(rates[1]))),
+        "speed_cores": float(len(os.sched_getaffinity(0))),
+    }
+
+
+def write_figures(path: Path, figures: dict[str, float]) -> None:
+    """Write the report, whole or not at all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(path.name + ".partial")
+    partial.write_text(json.dumps(figures, sort_keys=True, indent=1) + "\n")
+    partial.replace(path)
+
+
+@click.command()
+@click.option("--data", type=click.Path(path_type=Path), required=True, help="Folder of a finished data set.")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Report to write (JSON).")
+@click.option("--grasps", type=click.IntRange(4), default=240, show_default=True, help="Fresh grasps for the theory.")
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Seed of the fresh grasps.")
+def main(data: Path, out: Path, grasps: int, seed: int) -> None:
+    """Hold theory against simulation, judge a data set's labels, and time the simulation."""
+    try:
+        hand, threads = read_hand_file(), len(os.sched_getaffinity(0))
+        simulator, config, simulated = hand.simulator(), SimulationConfig(seed=seed), read_data(data)
+        parts: dict[str, Callable[[], dict[str, float]]] = {
+            "speed": lambda: speed_figures(simulator, config),
+            "data set": lambda: dataset_figures(simulated),
+            "synergy space": lambda: synergy_figures(hand, simulator, simulated),
+            "theory, small loads": lambda: compliance_figures(simulator, config, grasps, threads),
+            "theory, all loads": lambda: dataset_errors(
+                simulated.manifest["hand"], simulated.samples, simulated.grasps
+            ),
+            "slackening tendons": lambda: slack_figures(simulator, config, grasps // 2, threads),
+            "waiting longer": lambda: waiting_figures(simulator, config, threads, grasps // 2, 10),
+        }
+        figures: dict[str, float] = {}
+        for name, measure in parts.items():
+            click.echo(f"{name}:")
+            found = measure()
+            for key, value in found.items():
+                click.echo(f"  {key:52s} {value:.4g}")
+            figures |= found
+    except SimulationError as error:
+        raise click.ClickException(str(error)) from error
+    write_figures(out, figures)
+
+
+if __name__ == "__main__":
+    main()

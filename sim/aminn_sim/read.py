@@ -1,0 +1,54 @@
+"""A data set as arrays, for figures and pages; the trainer has a reader of its own that checks more."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import SimulationError
+from .schema import GROUPS
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SimulatedData:
+    """Fields by name; `noise["sample"]` counts rows of `samples` over all shards."""
+
+    manifest: dict
+    samples: dict[str, Array]
+    grasps: dict[str, Array]
+    noise: dict[str, Array]
+
+    @property
+    def grasp_row(self) -> NDArray[np.int64]:
+        """Row of `grasps` of each sample."""
+        return np.searchsorted(self.grasps["grasp_id"], self.samples["grasp_id"])
+
+    def of_grasp(self, name: str) -> Array:
+        """A field of /grasps, one row a sample."""
+        return self.grasps[name][self.grasp_row]
+
+
+def read_data(folder: Path) -> SimulatedData:
+    """Read the finished data set in `folder`. Raises SimulationError where there is none."""
+    try:
+        manifest = json.loads((folder / "manifest.json").read_text())
+        groups: dict[str, list[dict[str, Array]]] = {group: [] for group in GROUPS}
+        before = 0
+        for shard in manifest["shards"]:
+            with h5py.File(folder / shard["file"], "r") as file:
+                for group, parts in groups.items():
+                    parts.append({name: data[()] for name, data in file[group].items()})
+            groups["noise"][-1]["sample"] = groups["noise"][-1]["sample"] + before
+            before += shard["n_samples"]
+    except (OSError, ValueError, KeyError) as error:
+        raise SimulationError(f"{folder}: not a readable data set ({error})") from error
+    return SimulatedData(
+        manifest, **{g: {k: np.concatenate([p[k] for p in parts]) for k in parts[0]} for g, parts in groups.items()}
+    )

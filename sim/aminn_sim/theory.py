@@ -1,0 +1,312 @@
+"""The statics formula with the hand's true springs and tendons, held against the simulated displacement.
+
+Nothing is learned here: stiffnesses, moment arms and the tendons' tensions before the load come from the data set. A
+tendon is a spring while it is taut and nothing while it is slack; which ones are taut under load is found by iteration.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _core
+from .config import SimulationConfig
+from .errors import SimulationError
+
+Array = NDArray[np.float64]
+T = TypeVar("T")
+ROTATION_ARM_M = 0.1  # a rotation of 1 rad counts as this many metres in a relative error
+EPS_M = 1e-5  # m/N, compliance of a contact: penetration over normal force
+STICKING_RESIDUAL = 0.1  # closure residual below which every contact is taken to stick
+BRANCH_JOINTS = ((0, 1, 2), (3, 4, 5), (-1, 6, 7))
+_SCALE = np.array([1.0, 1.0, 1.0, ROTATION_ARM_M, ROTATION_ARM_M, ROTATION_ARM_M])
+
+
+@dataclass(frozen=True)
+class TrueMechanics:
+    """Stiffnesses of the simulated hand, from the `hand` entry of a manifest."""
+
+    springs: Array  # (3 branches, 3 coordinates) N.m/rad, return springs and roll servos; 0 where absent
+    arms: Array  # (6 tendons, 3 coordinates) m, flexing torque for 1 N
+    stiffness: Array  # (6,) N/m
+    branch: NDArray[np.int64]  # (6,)
+
+    @classmethod
+    def from_hand(cls, hand: dict) -> TrueMechanics:
+        """Read a manifest's `hand`."""
+        tendons = hand["tendons"]
+        return cls(
+            np.asarray(hand["joint_stiffness_Nm_rad"], float),
+            np.asarray([t["moment_arm_m"] for t in tendons], float),
+            np.asarray([t["stiffness_N_m"] for t in tendons], float),
+            np.asarray([t["branch"] for t in tendons], int),
+        )
+
+
+def predict(
+    mechanics: TrueMechanics,
+    j_x: Array,
+    j_q: Array,
+    in_contact: Array,
+    tension: Array,
+    w_e: Array,
+    eps_m: float = EPS_M,
+    iterations: int = 12,
+) -> tuple[Array, Array]:
+    """Displacement of the tool (6) and turns of the branch coordinates (3, 3) of one sample.
+
+    j_x (3,3,6), j_q (3,3,3), in_contact (3), tension (6) N before the load, w_e (6); eps_m m/N is the contacts' own
+    compliance. A tendon that was taut and goes slack takes its former tension away, one that was slack starts at 0.
+    """
+    taut = tension > 0
+    seen = []
+    for _ in range(iterations):
+        k_x, rhs = np.zeros((6, 6)), w_e.astype(float).copy()
+        parts = []
+        for b in range(3):
+            present = mechanics.springs[b] > 0
+            mine = mechanics.branch == b
+            arms, stiff, t0, on = mechanics.arms[mine], mechanics.stiffness[mine], tension[mine], taut[mine]
+            k_b = np.diag(np.where(present, mechanics.springs[b], 1.0)) + (arms[on].T * stiff[on]) @ arms[on]
+            loose = -arms[~on].T @ t0[~on]  # torque that a tendon gone slack no longer gives
+            compliance = np.linalg.inv(k_b) * np.outer(present, present)
+            big_b = -j_q[b]
+            w_b = np.linalg.inv(big_b @ compliance @ big_b.T + eps_m * np.eye(3)) * bool(in_contact[b])
+            k_x += j_x[b].T @ w_b @ j_x[b]
+            rhs += j_x[b].T @ w_b @ big_b @ compliance @ loose
+            parts.append((compliance, big_b, w_b, loose))
+        dx = np.linalg.solve(k_x, rhs)
+        dq = np.zeros((3, 3))
+        for b, (compliance, big_b, w_b, loose) in enumerate(parts):
+            force = w_b @ (j_x[b] @ dx - big_b @ compliance @ loose)
+            dq[b] = compliance @ (big_b.T @ force + loose)
+        now = tension - mechanics.stiffness * np.einsum("tc,tc->t", mechanics.arms, dq[mechanics.branch]) > 0
+        if (now == taut).all() or now.tobytes() in seen:
+            break
+        seen.append(now.tobytes())
+        taut = now
+    return dx, dq
+
+
+def relative_error(predicted: Array, simulated: Array) -> Array:
+    """|predicted - simulated| / |simulated| of displacements (n, 6), rotations scaled by `ROTATION_ARM_M`."""
+    return np.linalg.norm((predicted - simulated) * _SCALE, axis=-1) / np.linalg.norm(simulated * _SCALE, axis=-1)
+
+
+def predict_samples(hand: dict, samples: dict[str, Array], grasps: dict[str, Array], eps_m: float = EPS_M) -> Array:
+    """`predict` for every sample (n, 6)."""
+    mechanics = TrueMechanics.from_hand(hand)
+    order = np.argsort(grasps["grasp_id"])
+    row = order[np.searchsorted(grasps["grasp_id"][order], samples["grasp_id"])]
+    tension = grasps["tendon_tension_N"][row]
+    return np.stack(
+        [
+            predict(mechanics, jx, jq, c[:, 0], t, w, eps_m)[0]
+            for jx, jq, c, t, w in zip(
+                samples["j_x"], samples["j_q"], samples["contacts"], tension, samples["w_e"], strict=True
+            )
+        ]
+    )
+
+
+def dataset_errors(
+    hand: dict, samples: dict[str, Array], grasps: dict[str, Array], most: int = 4000
+) -> dict[str, float]:
+    """The formula against stable load cases of a data set, of every size: flat figures of the relative error.
+
+    At most `most` cases, evenly taken. Quartiles are those of the simulated displacement's size, rotations times 0.1 m.
+    """
+    stable = np.flatnonzero(samples["stable"])
+    if len(stable) == 0:
+        raise SimulationError("theory: the data set has no stable sample")
+    stable = stable[:: max(1, len(stable) // most)]
+    mine = {k: samples[k][stable] for k in ("j_x", "j_q", "contacts", "w_e", "grasp_id", "dx_ht")}
+    error = relative_error(predict_samples(hand, mine, grasps), mine["dx_ht"])
+    size = np.linalg.norm(mine["dx_ht"] * _SCALE, axis=1)
+    out = {
+        "theory_all_loads_cases": float(len(stable)),
+        "theory_all_loads_relative_error_median": float(np.median(error)),
+        "theory_all_loads_relative_error_p90": float(np.percentile(error, 90)),
+    }
+    edges = np.quantile(size, [0, 0.25, 0.5, 0.75, 1])
+    for k in range(4):
+        inside = (size >= edges[k]) & (size <= edges[k + 1])
+        out[f"theory_all_loads_relative_error_median_quartile{k + 1}"] = float(np.median(error[inside]))
+        out[f"theory_all_loads_size_m_median_quartile{k + 1}"] = float(np.median(size[inside]))
+    return out
+
+
+def branch_turns(dq: Array) -> Array:
+    """Joint angles (8) as branch coordinates (3, 3), 0 where a branch has none."""
+    out = np.zeros((3, 3))
+    for b, joints in enumerate(BRANCH_JOINTS):
+        for c, j in enumerate(joints):
+            if j >= 0:
+                out[b, c] = dq[j]
+    return out
+
+
+class Grasp:
+    """A simulated grasp with the formula beside it."""
+
+    def __init__(self, simulator: _core.Simulator, config: SimulationConfig, index: int) -> None:
+        families = config.family_indices()
+        self.session = _core.Session(simulator, config.options(), config.seed, 0, index, index, families)
+        self.state = {k: v[0] for k, v in self.session.grasp().items()}
+        self.mechanics = TrueMechanics.from_hand(simulator.hand())
+
+    def formula(self, w_e: Array) -> tuple[Array, Array]:
+        """Displacement (6) and turns of the branch coordinates (3, 3)."""
+        s = self.state
+        return predict(self.mechanics, s["j_x"], s["j_q"], s["contacts"][:, 0], s["tendon_tension_N"], w_e)
+
+    def simulate(self, w_e: Array) -> dict[str, Array]:
+        """The load case's fields."""
+        return {k: v[0] for k, v in self.session.load(w_e).items() if k != "noise"}
+
+    def closure_residual(self, case: dict[str, Array]) -> float:
+        """|J_x dx + J_q dq| / |J_x dx|, both simulated: small while every contact sticks."""
+        tool = np.einsum("bij,j->bi", self.state["j_x"], case["dx_ht"])
+        joint = np.einsum("bij,bj->bi", self.state["j_q"], branch_turns(case["q_after"] - self.state["q"]))
+        return float(np.linalg.norm(tool + joint) / np.linalg.norm(tool))
+
+
+@dataclass(frozen=True)
+class Compliance:
+    """The 6x6 compliance of one grasp, from small loads along and against each axis of the wrench."""
+
+    simulated: Array  # (6, 6) m/N, m/(N.m), rad/N, rad/(N.m); column: load axis
+    formula: Array  # (6, 6)
+    pinch_N: float  # of the grasp
+    errors: Array  # (12) relative errors of the displacements
+    sticking: Array  # (12) bool: stable, and no contact slid
+
+    @property
+    def matrix_error(self) -> float:
+        """|formula - simulated| / |simulated|, Frobenius, rotations and moments scaled by 0.1 m."""
+        scale = _SCALE[:, None] * _SCALE[None, :]
+        difference = np.linalg.norm((self.formula - self.simulated) * scale)
+        return float(difference / np.linalg.norm(self.simulated * scale))
+
+
+def compliance(grasp: Grasp, force_N: float = 0.1) -> Compliance:
+    """Loads of `force_N` and of 0.1 m times that about each axis, both ways."""
+    simulated, formula = np.zeros((6, 6)), np.zeros((6, 6))
+    errors, sticking = [], []
+    for k in range(6):
+        size = force_N * _SCALE[k]
+        for sign in (1.0, -1.0):
+            w = np.zeros(6)
+            w[k] = sign * size
+            case, expected = grasp.simulate(w), grasp.formula(w)[0]
+            simulated[:, k] += 0.5 * sign * case["dx_ht"] / size
+            formula[:, k] += 0.5 * sign * expected / size
+            errors.append(float(relative_error(expected, case["dx_ht"])))
+            sticking.append(bool(case["stable"]) and grasp.closure_residual(case) < STICKING_RESIDUAL)
+    return Compliance(simulated, formula, float(grasp.state["pinch_force_N"]), np.array(errors), np.array(sticking))
+
+
+def over_grasps(
+    simulator: _core.Simulator, config: SimulationConfig, grasps: int, threads: int, work: Callable[[Grasp], T]
+) -> list[T]:
+    """work(grasp) for grasps 0 to n - 1 of the configuration's seed, in order."""
+    with ThreadPoolExecutor(threads) as pool:
+        return list(pool.map(lambda index: work(Grasp(simulator, config, index)), range(grasps)))
+
+
+def compliance_figures(
+    simulator: _core.Simulator, config: SimulationConfig, grasps: int, threads: int
+) -> dict[str, float]:
+    """Flat figures of `compliance` over fresh grasps."""
+    results = over_grasps(simulator, config, grasps, threads, compliance)
+    errors, sticking = np.concatenate([r.errors for r in results]), np.concatenate([r.sticking for r in results])
+    if not sticking.any():
+        raise SimulationError("theory: no small load left every contact sticking")
+    whole = [r for r in results if r.sticking.all()]
+    pinch = np.repeat([r.pinch_N for r in results], 12)
+    light, strong = (
+        np.median(errors[sticking & half]) for half in (pinch < np.median(pinch), pinch >= np.median(pinch))
+    )
+    axes = np.tile(np.repeat(("force_x", "force_y", "force_z", "moment_x", "moment_y", "moment_z"), 2), len(results))
+    by_axis = {
+        f"theory_relative_error_median_{axis}": float(np.median(errors[sticking & (axes == axis)]))
+        for axis in dict.fromkeys(axes.tolist())
+        if (sticking & (axes == axis)).any()
+    }
+    return by_axis | {
+        "theory_relative_error_median_light_pinch": float(light),
+        "theory_relative_error_median_strong_pinch": float(strong),
+        "theory_grasps": float(len(results)),
+        "theory_loads": float(len(errors)),
+        "theory_sticking_share": float(sticking.mean()),
+        "theory_relative_error_median": float(np.median(errors[sticking])),
+        "theory_relative_error_p90": float(np.percentile(errors[sticking], 90)),
+        "theory_sliding_relative_error_median": float(np.median(errors[~sticking])) if (~sticking).any() else 0.0,
+        "theory_compliance_grasps": float(len(whole)),
+        "theory_compliance_error_median": float(np.median([r.matrix_error for r in whole])) if whole else float("nan"),
+        "theory_compliance_error_p90": float(np.percentile([r.matrix_error for r in whole], 90)) if whole else 0.0,
+    }
+
+
+@dataclass(frozen=True)
+class SlackJump:
+    """Compliance along a load before and after a tendon goes slack under it."""
+
+    taut_m_N: float
+    slack_m_N: float
+    formula_ratio: float
+
+
+def slack_jump(grasp: Grasp, levels: int = 10, most_N: float = 6.0) -> SlackJump | None:
+    """Loads of growing size along the direction that slackens a tendon soonest, by the formula.
+
+    None where no tendon goes slack in the simulation between two stable levels with at least two on either side.
+    """
+    tension, mechanics = grasp.state["tendon_tension_N"], grasp.mechanics
+    proximal = [t for t in range(0, 6, 2) if tension[t] > 0]
+    if not proximal:
+        return None
+    small = 1e-3
+    turns = np.stack([grasp.formula(small * _SCALE * e)[1] / small for e in np.eye(6)], -1)  # (3, 3, 6 scaled axes)
+    loosening = [np.einsum("c,cw->w", mechanics.arms[t], turns[mechanics.branch[t]]) for t in proximal]
+    loads = [
+        tension[t] / (mechanics.stiffness[t] * np.linalg.norm(g)) for t, g in zip(proximal, loosening, strict=True)
+    ]
+    first = int(np.argmin(loads))
+    t, direction = proximal[first], _SCALE * loosening[first] / np.linalg.norm(loosening[first])
+    sizes = np.linspace(0.2, 1.8, levels) * loads[first]
+    sizes = sizes[sizes <= most_N]
+    cases = [grasp.simulate(size * direction) for size in sizes]
+    along = np.array([case["dx_ht"] @ direction for case in cases])
+    slack = np.array([case["tendon_tension_after_N"][t] == 0 for case in cases])
+    held = np.array([bool(case["stable"]) for case in cases])
+
+    def slope(where: NDArray[np.bool_], values: Array) -> float | None:
+        return float(np.polyfit(sizes[where], values[where], 1)[0]) if where.sum() >= 2 else None
+
+    formula = np.array([grasp.formula(size * direction)[0] @ direction for size in sizes])
+    pairs = [(slope(held & ~slack, v), slope(held & slack, v)) for v in (along, formula)]
+    (taut, loose), (formula_taut, formula_loose) = pairs
+    if taut is None or loose is None or not formula_taut or formula_loose is None:
+        return None
+    return SlackJump(taut, loose, formula_loose / formula_taut)
+
+
+def slack_figures(simulator: _core.Simulator, config: SimulationConfig, grasps: int, threads: int) -> dict[str, float]:
+    """How far the compliance along a load jumps where a tendon goes slack."""
+    jumps = [j for j in over_grasps(simulator, config, grasps, threads, slack_jump) if j is not None]
+    if not jumps:
+        raise SimulationError("theory: no tendon went slack under the loads tried")
+    ratios = np.array([j.slack_m_N / j.taut_m_N for j in jumps])
+    return {
+        "slack_jump_grasps": float(len(jumps)),
+        "slack_jump_ratio_median": float(np.median(ratios)),
+        "slack_jump_ratio_p10": float(np.percentile(ratios, 10)),
+        "slack_jump_ratio_p90": float(np.percentile(ratios, 90)),
+        "slack_jump_formula_ratio_median": float(np.median([j.formula_ratio for j in jumps])),
+    }
