@@ -8,8 +8,9 @@ import pytest
 from synthetic import write_dataset
 
 from aminn.checkpoint import Checkpoint
+from aminn.config import TrainConfig
 from aminn.dataset import Dataset, load_dataset
-from aminn.train import TrainConfig, train
+from aminn.train import train
 
 
 @pytest.fixture(scope="session")

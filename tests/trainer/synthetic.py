@@ -16,6 +16,7 @@ import numpy as np
 from aminn.dims import BRANCH_JOINTS, BRANCHES, JOINTS
 
 ARM_M = 0.008
+FAMILIES = ["cylinder", "capsule", "ellipsoid", "screwdriver"]
 
 
 def hand() -> dict:
@@ -109,8 +110,9 @@ def write_dataset(path: Path, grasps: int = 60, cases: int = 8, seed: int = 0) -
                 k_x += x["j_x"][b].T @ np.linalg.inv(m) @ x["j_x"][b]
             dx = np.linalg.solve(k_x, w)
             stable = np.linalg.norm(dx[:3]) < 0.006
-            row = x | {"w_e": w, "dx_ht": dx, "dx_ht_early": dx * 0.999, "q_after": x["q"], "stable": np.uint8(stable),
-                       "grasp_id": np.int64(grasp)}  # fmt: skip
+            tension = np.maximum(rng.normal(1, 1, 6), 0)
+            row = x | {"w_e": w, "dx_ht": dx, "q_after": x["q"], "stable": np.uint8(stable),
+                       "tendon_tension_after_N": tension, "grasp_id": np.int64(grasp)}  # fmt: skip
             for name, value in row.items():
                 rows.setdefault(name, []).append(np.asarray(value))
     path.mkdir(parents=True)
@@ -118,12 +120,21 @@ def write_dataset(path: Path, grasps: int = 60, cases: int = 8, seed: int = 0) -
         for name, values in rows.items():
             file[f"samples/{name}"] = np.stack(values)
         file["grasps/grasp_id"] = np.arange(grasps)
+        file["grasps/tool_family"] = np.arange(grasps) % len(FAMILIES)
+        file["grasps/friction"] = np.random.default_rng(seed).uniform(0.4, 1.1, grasps)
+        file["grasps/tool_size_m"] = np.tile([0.05, 0.015, 0.015], (grasps, 1))
+        again = np.arange(0, grasps * cases, 10)
+        file["noise/sample"] = again
+        for name, change in (("half_step", 0.999), ("impratio", 0.99)):
+            file[f"noise/dx_{name}"] = change * file["samples/dx_ht"][()][again]
+            file[f"noise/stable_{name}"] = file["samples/stable"][()][again]
     shard = {
         "file": "shard-00000.h5",
         "n_samples": grasps * cases,
         "n_grasps": grasps,
         "sha256": hashlib.sha256((path / "shard-00000.h5").read_bytes()).hexdigest(),
     }
-    manifest = {"schema_version": 1, "seed": seed, "config_sha256": f"synthetic-{grasps}-{cases}-{seed}", "hand": h,
+    manifest = {"schema_version": 2, "seed": seed, "tool_families": FAMILIES,
+                "config_sha256": f"synthetic-{grasps}-{cases}-{seed}", "hand": h,
                 "shards": [shard], "n_samples": grasps * cases, "n_grasps": grasps}  # fmt: skip
     (path / "manifest.json").write_text(json.dumps(manifest))

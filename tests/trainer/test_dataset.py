@@ -75,19 +75,47 @@ def drop_field(path: Path) -> None:
     record_hash(path)
 
 
+def drop_noise(path: Path) -> None:
+    with h5py.File(path / "shard-00000.h5", "r+") as file:
+        del file["noise"]
+    record_hash(path)
+
+
+def test_fractions_of_a_split_are_nested(dataset: Dataset) -> None:
+    ids = [set(dataset.split("train", f).samples["grasp_id"].tolist()) for f in (0.1, 0.3, 1.0)]
+    assert ids[0] < ids[1] < ids[2]
+    assert ids[2] == set(dataset.split("train").samples["grasp_id"].tolist())
+
+
+def test_grasp_and_noise_rows_belong_to_their_samples(dataset: Dataset) -> None:
+    part = dataset.split("test")
+    np.testing.assert_array_equal(part.grasps["grasp_id"][part.grasp_rows()], part.samples["grasp_id"])
+    again = part.samples["noise_row"] >= 0
+    rows = part.samples["noise_row"][again]
+    assert again.any()
+    np.testing.assert_allclose(part.noise["dx_half_step"][rows], 0.999 * part.samples["dx_ht"][again])
+
+
+def test_a_selection_is_another_data_set(dataset: Dataset) -> None:
+    some = dataset.where(np.arange(len(dataset)) < 100, "the first hundred")
+    assert len(some) == 100 and some.sha256 != dataset.sha256
+    assert some.split("train").sha256 == some.sha256
+
+
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
         (lambda p: (p / "manifest.json").unlink(), "no manifest.json"),
         (break_manifest, "not valid JSON"),
         (lambda p: (p / "manifest.json").write_text("[]"), "not the manifest of a data set"),
-        (lambda p: (p / "manifest.json").write_text('{"schema_version": 1}'), "shards, hand, n_samples"),
-        (other_schema, "schema_version is 99"),
+        (lambda p: (p / "manifest.json").write_text('{"schema_version": 2}'), "shards, hand, n_samples"),
+        (other_schema, "schema_version is 99.*newer AMINN"),
         (flip_a_bit, "damaged"),
         (lambda p: (p / "shard-00000.h5").unlink(), "missing"),
         (truncate_shard, "not a readable shard"),
         (put_nan, "w_e is not finite in sample 3"),
         (drop_field, "/samples/j_x is missing"),
+        (drop_noise, "not a readable shard"),
     ],
 )
 def test_damaged_data_gives_a_clear_error(copy: Path, damage, message: str) -> None:

@@ -43,7 +43,8 @@ def respond(springs: Springs, x: dict[str, Tensor], config: MechanicsConfig, con
 
 def test_inverse_3x3() -> None:
     m = torch.randn(50, 3, 3, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
-    assert torch.allclose(inverse_3x3(m), torch.linalg.inv(m), rtol=1e-9, atol=1e-9)
+    inverse = inverse_3x3(m.movedim(0, -1)).movedim(-1, 0)
+    assert torch.allclose(inverse, torch.linalg.inv(m), rtol=1e-9, atol=1e-9)
 
 
 def test_sum_over_branches_is_the_dense_form(x: dict[str, Tensor], springs: Springs) -> None:

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from aminn import study
+from aminn.config import TrainConfig
 from aminn.dataset import Dataset
 from aminn.errors import AminnError
 from aminn.metrics import COLUMNS
 from aminn.pipeline import anew_if_outdated
-from aminn.train import TrainConfig, train
+from aminn.train import train
 
 
 def test_outdated_folder_is_made_again(dataset: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:

@@ -12,12 +12,15 @@ import pytest
 import torch
 
 import aminn.train as train_module
+from aminn.card import CARD
 from aminn.checkpoint import META, WEIGHTS, Checkpoint, load_checkpoint, write_json
+from aminn.config import LossWeights, TrainConfig
 from aminn.dataset import Dataset
 from aminn.errors import AminnError
 from aminn.evaluate import evaluate, flat_report, format_table
 from aminn.export_tables import export_tables
-from aminn.train import TrainConfig, train
+from aminn.run_state import FILE, load_run
+from aminn.train import train
 
 SHORT = TrainConfig(epochs=2)
 
@@ -38,7 +41,7 @@ def test_aminn_beats_no_motion_and_the_analytical_model(
     assert "aminn" in format_table(result)
     write_json(tmp_path / "report.json", flat_report(result))
     report = json.loads((tmp_path / "report.json").read_text())
-    assert report["aminn_f1"] == table["aminn"]["f1"] and report["aminn_rmse_pose_size0"] is None
+    assert report["aminn_f1"] == table["aminn"]["f1"] and report["mlp_auroc"] == table["mlp"]["auroc"]
 
 
 def test_same_seed_same_bytes_whatever_the_threads(dataset: Dataset, tmp_path: Path) -> None:
@@ -54,22 +57,22 @@ def test_same_seed_same_bytes_whatever_the_threads(dataset: Dataset, tmp_path: P
 def test_interrupted_run_ends_in_the_same_bytes(dataset: Dataset, tmp_path: Path, monkeypatch, after: int) -> None:
     """Cut after an epoch of stage 1, between the stages, and in stage 2."""
     train(SHORT, dataset, tmp_path / "whole")
-    save, calls = train_module._Run.save, []
+    save, calls = train_module.save_run, []
 
-    def cut(self, *args) -> None:
-        save(self, *args)
+    def cut(*args) -> None:
+        save(*args)
         calls.append(1)
         if len(calls) == after:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(train_module._Run, "save", cut)
+    monkeypatch.setattr(train_module, "save_run", cut)
     with pytest.raises(KeyboardInterrupt):
         train(SHORT, dataset, tmp_path / "cut")
     assert not (tmp_path / "cut" / META).exists()
     monkeypatch.undo()
     train(SHORT, dataset, tmp_path / "cut")
     assert checkpoint_bytes(tmp_path / "whole") == checkpoint_bytes(tmp_path / "cut")
-    assert sorted(os.listdir(tmp_path / "cut")) == sorted([META, WEIGHTS])
+    assert sorted(os.listdir(tmp_path / "cut")) == sorted([META, WEIGHTS, CARD])
 
 
 def test_finished_run_is_not_repeated_nor_overwritten(dataset: Dataset, tmp_path: Path) -> None:
@@ -110,7 +113,7 @@ def test_damaged_checkpoint_gives_a_clear_error(runs: dict[str, Checkpoint], tmp
 
 
 def test_evaluation_refuses_other_data(runs: dict[str, Checkpoint], dataset: Dataset) -> None:
-    other = Dataset(dataset.manifest | {"config_sha256": "0" * 64}, dataset.samples, dataset.grasps)
+    other = replace(dataset, manifest=dataset.manifest | {"config_sha256": "0" * 64})
     with pytest.raises(AminnError, match="another data set"):
         evaluate([runs["aminn"]], other)
 
@@ -125,10 +128,106 @@ def test_exported_tables(runs: dict[str, Checkpoint]) -> None:
 
 
 def test_damaged_unfinished_run_gives_a_clear_error(dataset: Dataset, tmp_path: Path) -> None:
-    (tmp_path / train_module.RESUME).write_bytes(b"")
-    (tmp_path / train_module.RESUME_META).write_text("{")
+    (tmp_path / FILE).write_bytes(b"")
     with pytest.raises(AminnError, match="damaged"):
         train(SHORT, dataset, tmp_path)
+
+
+def interrupted(config: TrainConfig, dataset: Dataset, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave an unfinished run in `folder`, cut after its first epoch."""
+    save = train_module.save_run
+
+    def cut(*args) -> None:
+        save(*args)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(train_module, "save_run", cut)
+        train(config, dataset, folder)
+
+
+def test_unfinished_run_of_another_configuration_is_named(dataset: Dataset, tmp_path: Path, monkeypatch) -> None:
+    interrupted(SHORT, dataset, tmp_path, monkeypatch)
+    with pytest.raises(AminnError, match=r"differs in config\.learning_rate, config\.loss\.gate"):
+        train(replace(SHORT, learning_rate=1e-3, loss=LossWeights(gate=0.0)), dataset, tmp_path)
+
+
+def test_state_of_a_run_holds_optimiser_schedule_and_generator(dataset: Dataset, tmp_path: Path, monkeypatch) -> None:
+    interrupted(SHORT, dataset, tmp_path, monkeypatch)
+    state = load_run(tmp_path, train_module.identity_of(SHORT, dataset.sha256))
+    assert state.progress["epoch"] == 1 and state.progress["schedule"]["last_epoch"] > 0
+    assert {"exp_avg", "exp_avg_sq", "step"} == {key.split(".")[1] for key in state.part("adam")}
+    assert state.tensors["rng"].dtype == torch.uint8
+
+
+@pytest.mark.parametrize("kind", ["aminn", "mlp"])
+def test_diverging_loss_stops_and_names_step_and_term(dataset: Dataset, tmp_path: Path, kind: str) -> None:
+    wild = TrainConfig(kind=kind, epochs=3, learning_rate=1e4, gradient_clip=1e9, weight_decay=0.0)
+    with pytest.raises(AminnError, match=r"stage\d, epoch \d, (step \d+|validation): the loss diverges, .*lower"):
+        train(wild, dataset, tmp_path)
+    assert not (tmp_path / META).exists()
+
+
+def test_diverging_run_keeps_the_last_good_state(dataset: Dataset, tmp_path: Path, monkeypatch) -> None:
+    """A target that turns to NaN after the first epoch: the run ends, and the state before is there."""
+    epoch, calls = train_module._Loop.epoch, []
+
+    def poisoned(self) -> None:
+        calls.append(1)
+        if len(calls) == 2:
+            self.stage.train[1][:] = float("nan")
+        epoch(self)
+
+    monkeypatch.setattr(train_module._Loop, "epoch", poisoned)
+    with pytest.raises(AminnError, match=r"epoch 2, step .*cross-entropy is nan.*before this epoch is kept"):
+        train(SHORT, dataset, tmp_path)
+    monkeypatch.undo()
+    train(SHORT, dataset, tmp_path)
+    train(SHORT, dataset, tmp_path.with_name("whole"))
+    assert checkpoint_bytes(tmp_path) == checkpoint_bytes(tmp_path.with_name("whole"))
+
+
+def test_too_few_grasps_are_refused(dataset: Dataset, tmp_path: Path) -> None:
+    with pytest.raises(AminnError, match="the train split has 1 grasps, training needs 5"):
+        train(replace(SHORT, train_fraction=0.01), dataset, tmp_path)
+    assert not any(tmp_path.iterdir())
+
+
+def test_weights_of_another_architecture_are_refused(runs: dict[str, Checkpoint], tmp_path: Path) -> None:
+    (tmp_path / WEIGHTS).write_bytes((runs["aminn"].path / WEIGHTS).read_bytes())
+    meta = json.loads((runs["aminn"].path / META).read_text())
+    meta["model"]["width"] = 48
+    write_json(tmp_path / META, meta)
+    with pytest.raises(AminnError, match=r"has shape \(64, 58\), the configuration asks for \(48, 58\)"):
+        load_checkpoint(tmp_path)
+
+
+def test_another_hand_is_refused(runs: dict[str, Checkpoint], dataset: Dataset) -> None:
+    hand = dataset.manifest["hand"] | {"link_a_m": [[0, 0, 0.06]] * 3}
+    with pytest.raises(AminnError, match=r"another hand .*differ in link_a"):
+        evaluate([runs["aminn"]], replace(dataset, manifest=dataset.manifest | {"hand": hand}))
+
+
+def test_card_states_figures_and_configuration(runs: dict[str, Checkpoint]) -> None:
+    card, meta = (runs["aminn"].path / CARD).read_text(), runs["aminn"].meta
+    assert f"| F1 of stable | {meta['validation']['f1']:.3f} |" in card
+    assert f"{meta['tau']:.4f}" in card and "learning_rate = 0.00" in card and "## Limits" in card
+
+
+def test_operating_curve_contains_what_tau_was_chosen_from(runs: dict[str, Checkpoint]) -> None:
+    curve, meta = runs["aminn"].meta["operating_curve"], runs["aminn"].meta
+    assert curve["tau"] == sorted(curve["tau"]) and curve["passed"] == sorted(curve["passed"], reverse=True)
+    assert max(curve["f1"]) >= meta["validation"]["f1"] - 0.01
+
+
+def test_tensorboard_curves(dataset: Dataset, tmp_path: Path) -> None:
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    run = train(SHORT, dataset, tmp_path, tensorboard=True)
+    events = EventAccumulator(str(tmp_path / train_module.BOARD)).Reload()
+    for stage in ("stage1", "stage2"):
+        values = [event.value for event in events.Scalars(f"{stage}/validation")]
+        np.testing.assert_allclose(values, run.meta["history"][stage]["validation"], rtol=1e-6)
 
 
 def test_two_runs_of_a_kind_have_rows_of_their_own(

@@ -12,14 +12,15 @@ from pathlib import Path
 import numpy as np
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save
+from torch import Tensor, nn
 
 from .baseline import Mlp
+from .config import ModelConfig, build_config
 from .errors import AminnError
-from .mechanics import MechanicsConfig
-from .model import Aminn, ModelConfig
+from .model import Aminn
 from .nominal import Nominal
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 WEIGHTS, META = "model.safetensors", "model.json"
 KINDS = {"aminn": Aminn, "mlp": Mlp}
 
@@ -71,10 +72,21 @@ def save_checkpoint(path: Path, model: Aminn | Mlp, meta: dict) -> None:
     write_json(path / META, meta | fixed)
 
 
-def _model_config(values: dict) -> ModelConfig:
-    mechanics = tuple(MechanicsConfig(**m) for m in values["mechanics"])
-    lists = {k: tuple(v) for k, v in values.items() if isinstance(v, list)}
-    return ModelConfig(**(values | lists | {"mechanics": mechanics}))
+def load_weights(module: nn.Module, tensors: dict[str, Tensor], source: str) -> None:
+    """Load weights. Raises AminnError that names the first tensor that does not fit the architecture."""
+    expected = module.state_dict()
+    for name, value in expected.items():
+        if name not in tensors:
+            raise AminnError(f"{source}: tensor {name} is missing; the weights are of another architecture")
+        if tensors[name].shape != value.shape:
+            raise AminnError(
+                f"{source}: tensor {name} has shape {tuple(tensors[name].shape)}, the configuration asks for "
+                f"{tuple(value.shape)}; the weights are of another architecture"
+            )
+    surplus = sorted(tensors.keys() - expected.keys())
+    if surplus:
+        raise AminnError(f"{source}: tensor {surplus[0]} is unknown; the weights are of another architecture")
+    module.load_state_dict(tensors)
 
 
 def load_checkpoint(path: Path) -> Checkpoint:
@@ -90,9 +102,11 @@ def load_checkpoint(path: Path) -> Checkpoint:
                 f"{meta_file}: format_version {meta['format_version']}, this program reads {FORMAT_VERSION}"
             )
         nominal = Nominal(**{k: np.asarray(v) for k, v in meta["nominal"].items()})
-        model = build_model(meta["kind"], _model_config(meta["model"]), nominal)
-        model.load_state_dict(load_file(weights))
-    except (json.JSONDecodeError, KeyError, TypeError, SafetensorError, RuntimeError) as error:
+        config = build_config(ModelConfig, meta["model"], str(meta_file))
+        model = build_model(meta["kind"], config, nominal)
+        tensors = load_file(weights)
+    except (json.JSONDecodeError, KeyError, TypeError, SafetensorError) as error:
         raise AminnError(f"{path}: not a usable checkpoint ({type(error).__name__}: {error})") from error
+    load_weights(model, tensors, str(weights))
     sha256 = hashlib.sha256(weights.read_bytes() + meta_file.read_bytes()).hexdigest()
     return Checkpoint(model.eval(), meta, path, sha256)

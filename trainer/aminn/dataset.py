@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import h5py
@@ -16,10 +16,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from .dims import INPUT_SHAPES, N_JOINT, N_WRENCH
+from .dims import INPUT_SHAPES, N_JOINT, N_TENDON, N_WRENCH
 from .errors import AminnError
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 MANIFEST_KEYS = ("config_sha256", "shards", "hand", "n_samples", "n_grasps")
 SPLITS = ("train", "validation", "test")
 SPLIT_FRACTIONS = (0.70, 0.15, 0.15)
@@ -27,10 +27,19 @@ SPLIT_FRACTIONS = (0.70, 0.15, 0.15)
 # What the trainer reads of /samples, shape of one row. The manifest describes these and the rest.
 SAMPLE_SHAPES: dict[str, tuple[int, ...]] = INPUT_SHAPES | {
     "dx_ht": (N_WRENCH,),
-    "dx_ht_early": (N_WRENCH,),
     "q_after": (N_JOINT,),
+    "tendon_tension_after_N": (N_TENDON,),
     "stable": (),
     "grasp_id": (),
+}
+# Of /grasps and of /noise: load cases simulated again with half the time step and with another contact impedance ratio.
+GRASP_SHAPES: dict[str, tuple[int, ...]] = {"grasp_id": (), "tool_family": (), "friction": (), "tool_size_m": (3,)}
+NOISE_SHAPES: dict[str, tuple[int, ...]] = {
+    "sample": (),
+    "dx_half_step": (N_WRENCH,),
+    "stable_half_step": (),
+    "dx_impratio": (N_WRENCH,),
+    "stable_impratio": (),
 }
 
 
@@ -41,24 +50,39 @@ class Dataset:
     manifest: dict
     samples: dict[str, NDArray]
     grasps: dict[str, NDArray]
+    noise: dict[str, NDArray]
+    """The repeated simulations (m rows), as in /noise; `samples["noise_row"]` says which row belongs to a sample."""
+    selection: str = ""
+    """What the samples were chosen by, if they are not all: part of the data's identity."""
 
     def __len__(self) -> int:
         return len(self.samples["stable"])
 
     def take(self, index: NDArray) -> Dataset:
         """The samples that `index` (indices or a mask) selects; grasps stay whole."""
-        return Dataset(self.manifest, {k: v[index] for k, v in self.samples.items()}, self.grasps)
+        return replace(self, samples={k: v[index] for k, v in self.samples.items()})
 
-    def split(self, name: str) -> Dataset:
-        """The samples of one of `SPLITS`."""
+    def where(self, mask: NDArray[np.bool_], selection: str) -> Dataset:
+        """The samples of `mask` as a data set of its own, known by the text `selection`."""
+        return replace(self.take(mask), selection=selection)
+
+    def split(self, name: str, fraction: float = 1.0) -> Dataset:
+        """The samples of one of `SPLITS`, or of a fraction of its grasps; smaller fractions are part of larger ones."""
         if name not in SPLITS:
             raise AminnError(f"split {name!r} is unknown; there are {', '.join(SPLITS)}")
-        return self.take(split_of(self.samples["grasp_id"]) == SPLITS.index(name))
+        ids = self.samples["grasp_id"]
+        return self.take((split_of(ids) == SPLITS.index(name)) & (_draws(b"share %d", ids) < fraction))
+
+    def grasp_rows(self) -> NDArray[np.int64]:
+        """For each sample, the row of its grasp in `grasps`."""
+        order = np.argsort(self.grasps["grasp_id"])
+        return order[np.searchsorted(self.grasps["grasp_id"], self.samples["grasp_id"], sorter=order)]
 
     @property
     def sha256(self) -> str:
         """Identity of the data: of the configuration and of every shard."""
         content = self.manifest["config_sha256"] + "".join(shard["sha256"] for shard in self.manifest["shards"])
+        content += self.selection
         return hashlib.sha256(content.encode()).hexdigest()
 
     def inputs(self, dtype: torch.dtype = torch.float32) -> dict[str, torch.Tensor]:
@@ -68,9 +92,14 @@ class Dataset:
 
 def split_of(grasp_id: NDArray) -> NDArray[np.int64]:
     """Index into `SPLITS` for each grasp id."""
+    return np.searchsorted(np.cumsum(SPLIT_FRACTIONS)[:-1], _draws(b"split %d", grasp_id), side="right")
+
+
+def _draws(purpose: bytes, grasp_id: NDArray) -> NDArray[np.float64]:
+    """A number in [0, 1) for each grasp id, from a hash of it and the purpose."""
     unique, inverse = np.unique(grasp_id, return_inverse=True)
-    draws = [int.from_bytes(hashlib.sha256(b"split %d" % g).digest()[:8]) / 2.0**64 for g in unique.tolist()]
-    return np.searchsorted(np.cumsum(SPLIT_FRACTIONS)[:-1], draws, side="right")[inverse]
+    draws = [int.from_bytes(hashlib.sha256(purpose % g).digest()[:8]) / 2.0**64 for g in unique.tolist()]
+    return np.asarray(draws)[inverse]
 
 
 def read_manifest(path: Path) -> dict:
@@ -84,18 +113,22 @@ def read_manifest(path: Path) -> dict:
         raise AminnError(f"{file}: not valid JSON ({error})") from error
     if not isinstance(manifest, dict):
         raise AminnError(f"{file}: not the manifest of a data set")
-    if manifest.get("schema_version") != SCHEMA_VERSION:
-        raise AminnError(
-            f"{file}: schema_version is {manifest.get('schema_version')}, this program reads {SCHEMA_VERSION}; "
-            "simulate the data set again"
-        )
+    version = manifest.get("schema_version")
+    if version != SCHEMA_VERSION:
+        newer = isinstance(version, int) and version > SCHEMA_VERSION
+        remedy = "it was written by a newer AMINN, read it with that" if newer else "simulate the data set again"
+        raise AminnError(f"{file}: schema_version is {version}, this program reads {SCHEMA_VERSION}; {remedy}")
     missing = [key for key in MANIFEST_KEYS if key not in manifest]
     if missing:
         raise AminnError(f"{file}: {', '.join(missing)} missing; simulate the data set again")
     return manifest
 
 
-def _read_shard(folder: Path, entry: dict) -> tuple[dict[str, NDArray], dict[str, NDArray]]:
+GROUPS = {"samples": SAMPLE_SHAPES, "grasps": GRASP_SHAPES, "noise": NOISE_SHAPES}
+Shard = dict[str, dict[str, NDArray]]  # group -> field -> rows
+
+
+def _read_shard(folder: Path, entry: dict) -> Shard:
     path = folder / entry["file"]
     if not path.is_file():
         raise AminnError(f"{path}: the manifest names this shard, but it is missing; run the simulation again")
@@ -103,16 +136,21 @@ def _read_shard(folder: Path, entry: dict) -> tuple[dict[str, NDArray], dict[str
         raise AminnError(f"{path}: damaged, its SHA-256 is not the manifest's; delete it and run the simulation again")
     try:
         with h5py.File(path, "r") as file:
-            samples = {name: dataset[()] for name, dataset in file["samples"].items()}
-            grasps = {name: dataset[()] for name, dataset in file["grasps"].items()}
+            shard = {group: {name: rows[()] for name, rows in file[group].items()} for group in GROUPS}
     except (OSError, KeyError) as error:
         raise AminnError(f"{path}: not a readable shard ({error})") from error
-    for name, shape in SAMPLE_SHAPES.items():
-        if name not in samples:
-            raise AminnError(f"{path}: /samples/{name} is missing")
-        if samples[name].shape[1:] != shape:
-            raise AminnError(f"{path}: /samples/{name} has rows of shape {samples[name].shape[1:]}, expected {shape}")
-    return samples, grasps
+    for group, shapes in GROUPS.items():
+        for name, shape in shapes.items():
+            if name not in shard[group]:
+                raise AminnError(f"{path}: /{group}/{name} is missing")
+            found = shard[group][name].shape[1:]
+            if found != shape:
+                raise AminnError(f"{path}: /{group}/{name} has rows of shape {found}, expected {shape}")
+    return shard
+
+
+def _joined(shards: list[Shard], group: str) -> dict[str, NDArray]:
+    return {name: np.concatenate([shard[group][name] for shard in shards]) for name in shards[0][group]}
 
 
 def load_dataset(path: Path) -> Dataset:
@@ -121,11 +159,15 @@ def load_dataset(path: Path) -> Dataset:
     shards = [_read_shard(path, entry) for entry in manifest["shards"]]
     if not shards:
         raise AminnError(f"{path}: the data set has no shards")
-    samples = {name: np.concatenate([s[name] for s, _ in shards]) for name in shards[0][0]}
-    grasps = {name: np.concatenate([g[name] for _, g in shards]) for name in shards[0][1]}
+    starts = np.cumsum([0] + [len(shard["samples"]["stable"]) for shard in shards])
+    for shard, start in zip(shards, starts, strict=False):
+        shard["noise"]["sample"] = shard["noise"]["sample"] + start
+    samples, grasps, noise = (_joined(shards, group) for group in GROUPS)
     for name in SAMPLE_SHAPES:
         bad = ~np.isfinite(samples[name].reshape(len(samples[name]), -1).astype(float)).all(1)
         if bad.any():
             where = f"sample {int(np.argmax(bad))} ({int(bad.sum())} such samples)"
             raise AminnError(f"{path}: {name} is not finite in {where}; simulate the data set again")
-    return Dataset(manifest, samples, grasps)
+    samples["noise_row"] = np.full(len(samples["stable"]), -1)
+    samples["noise_row"][noise["sample"]] = np.arange(len(noise["sample"]))
+    return Dataset(manifest, samples, grasps, noise)

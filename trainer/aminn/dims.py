@@ -22,6 +22,7 @@ N_BRANCH = len(BRANCHES)
 N_COORD = len(COORDS)
 N_JOINT = len(JOINTS)
 N_WRENCH = 6
+N_TENDON = 2 * N_BRANCH  # a branch has the proximal flexor, then the one across both joints
 N_CONTACT_FEATURE = 8  # in contact, position (3), normal (3), normal force
 
 # What the networks see and give.

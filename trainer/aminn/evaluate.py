@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
 from .checkpoint import Checkpoint
+from .config import ModelConfig
 from .dataset import Dataset
 from .errors import AminnError
-from .metrics import COLUMNS, all_figures, choose_tau, displacement_figures, pose_error, pose_size, violation_rate
-from .model import Backbone, ModelConfig, scaled_pose
+from .metrics import (
+    COLUMNS,
+    all_figures,
+    calibration_figures,
+    choose_tau,
+    displacement_figures,
+    f1_score,
+    pose_error,
+    pose_size,
+    violation_rate,
+)
+from .model import Backbone, scaled_pose
 from .nominal import nominal_from_hand
 from .predict import predict
 
@@ -26,6 +37,8 @@ class Prediction:
     name: str
     dx: Array  # (n, 6)
     stable: NDArray[np.bool_]  # (n,)
+    p_stable: Array | None = None  # (n,), of models that give a probability
+    gate: Array | None = None  # (n, 3), of AMINN
 
 
 @dataclass(frozen=True)
@@ -52,11 +65,22 @@ def names_of(checkpoints: list[Checkpoint]) -> list[str]:
     return names
 
 
+def check_hand(checkpoint: Checkpoint, data: Dataset) -> None:
+    """Raises AminnError if the data are of another hand than the model."""
+    mine, other = asdict(checkpoint.model.nominal), asdict(nominal_from_hand(data.manifest["hand"]))
+    wrong = [name for name, value in mine.items() if not np.allclose(value, other[name], rtol=1e-5, atol=1e-9)]
+    if wrong:
+        raise AminnError(
+            f"{checkpoint.path}: trained for another hand than that of the data set (they differ in "
+            f"{', '.join(wrong)}); give data of its own hand"
+        )
+
+
 def learned(checkpoint: Checkpoint, data: Dataset, name: str) -> Prediction:
     """A trained cascade at its own tau."""
     out = predict(checkpoint.model, data)
     stable = out["p_stable"].astype(np.float32) >= np.float32(checkpoint.meta["tau"])
-    return Prediction(name, out["dx_ht"], stable)
+    return Prediction(name, out["dx_ht"], stable, out["p_stable"], out.get("gate"))
 
 
 def analytical(data: Dataset, validation: Dataset, config: ModelConfig | None = None) -> Prediction:
@@ -85,21 +109,40 @@ def no_motion(data: Dataset) -> Prediction:
 
 
 def label_figures(data: Dataset) -> dict[str, float]:
-    """The labels' own figures: stable share, passivity, and the motion left in the second half of the hold."""
+    """The labels' own figures: stable share, passivity, and what simulating again with other settings changes."""
     s = data.samples
     stable = s["stable"] > 0
-    noise = displacement_figures(s["dx_ht_early"][stable], s["dx_ht"][stable])
-    return {
+    figures = {
         "n_samples": len(data),
         "n_grasps": len(np.unique(s["grasp_id"])),
         "stable_share": float(stable.mean()),
         "motion_rms": float(np.sqrt(np.mean(pose_size(s["dx_ht"][stable]) ** 2))),
         "motion_median_mm": 1e3 * float(np.median(np.linalg.norm(s["dx_ht"][stable][:, :3], axis=1))),
-        "noise_floor_rmse_pose": noise["rmse_pose"],
-        "noise_floor_relative_error_median": noise["relative_error_median"],
         "passivity_violation_translational": violation_rate(s["w_e"], s["dx_ht"], stable, False),
         "passivity_violation_full": violation_rate(s["w_e"], s["dx_ht"], stable, True),
     }
+    return figures | noise_floor(data)
+
+
+def noise_floor(data: Dataset) -> dict[str, float]:
+    """How far the labels agree with themselves: half the time step, and (`impratio_`) another impedance ratio.
+
+    Errors are over the cases that hold both times, `flipped` is the share of those that hold once.
+    """
+    s, figures = data.samples, {}
+    again = np.flatnonzero(s["noise_row"] >= 0)
+    rows = s["noise_row"][again]
+    for setting, prefix in (("half_step", "noise_floor_"), ("impratio", "noise_floor_impratio_")):
+        held = data.noise[f"stable_{setting}"][rows] > 0
+        both = held & (s["stable"][again] > 0)
+        errors = displacement_figures(data.noise[f"dx_{setting}"][rows][both], s["dx_ht"][again][both])
+        kept = ("rmse_pose", "relative_error_median", "relative_error_p90")
+        figures |= {prefix + name: errors[name] for name in kept}
+        figures[prefix + "n"] = int(both.sum())
+        flips = held != (s["stable"][again] > 0)
+        figures[prefix + "flipped"] = float(flips.mean()) if len(flips) else float("nan")
+        figures[prefix + "f1"] = f1_score(held, s["stable"][again] > 0)
+    return figures
 
 
 def evaluate(checkpoints: list[Checkpoint], dataset: Dataset, split: str = "test") -> Evaluation:
@@ -109,6 +152,7 @@ def evaluate(checkpoints: list[Checkpoint], dataset: Dataset, split: str = "test
     welcome: they do not move between splits.
     """
     for checkpoint in checkpoints:
+        check_hand(checkpoint, dataset)
         if checkpoint.meta["data_config_sha256"] != dataset.manifest["config_sha256"]:
             raise AminnError(
                 f"{checkpoint.path}: trained on another data set (configuration "
@@ -125,9 +169,16 @@ def compare(checkpoints: list[Checkpoint], data: Dataset, validation: Dataset, n
     """Figures on all samples of `data`; `validation` is where the analytical model takes its bound from."""
     predictions = [learned(c, data, name) for c, name in zip(checkpoints, names_of(checkpoints), strict=True)]
     predictions += [analytical(data, validation), no_motion(data)]
-    s = data.samples
-    table = {p.name: all_figures(s["w_e"], s["dx_ht"], s["stable"] > 0, p.dx, p.stable) for p in predictions}
+    table = {p.name: figures_of(p, data) for p in predictions}
     return Evaluation(name, table, label_figures(data), {p.name: p for p in predictions}, data)
+
+
+def figures_of(p: Prediction, data: Dataset) -> dict[str, float]:
+    """Every figure of one model's predictions on `data`."""
+    s = data.samples
+    stable = s["stable"] > 0
+    figures = all_figures(s["w_e"], s["dx_ht"], stable, p.dx, p.stable)
+    return figures | (calibration_figures(p.p_stable, stable) if p.p_stable is not None else {})
 
 
 def flat_report(evaluation: Evaluation) -> dict[str, float | str]:

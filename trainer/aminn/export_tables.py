@@ -47,6 +47,16 @@ def _stage_tables(prefix: str, backbone: Backbone) -> dict[str, NDArray]:
     return {prefix + name: state[key].numpy() for name, key in _BACKBONE.items()}
 
 
+def _check_exportable(checkpoint: Checkpoint) -> None:
+    """Raises AminnError for options that the exported forms do not have."""
+    config = checkpoint.model.config
+    extra = [name for name in ("soft_finger", "slip") if getattr(config, name)]
+    if not config.heads_see_wrench:
+        extra.append("heads_see_wrench = false")
+    if extra:
+        raise AminnError(f"{checkpoint.path}: {', '.join(extra)} is an option of the trainer alone; train without it")
+
+
 def export_tables(checkpoint: Checkpoint) -> ExportedModel:
     """The tables of an AMINN checkpoint. Raises AminnError for another kind of model."""
     model = checkpoint.model
@@ -61,7 +71,10 @@ def export_tables(checkpoint: Checkpoint) -> ExportedModel:
     tensors |= {name: constants[name].numpy() for name in _CONSTANTS}
     geometry = ("base", "axis", "link_a")
     tensors |= {f"geom_{name}": np.asarray(getattr(model.nominal, name)) for name in geometry}
+    _check_exportable(checkpoint)
     stages = [asdict(m) for m in model.config.mechanics]
+    for stage, part in zip(stages, (model.stage1, model.stage2), strict=True):
+        stage["eps_m"] = part.backbone.eps_m
     if stages[0]["dq0"] != stages[1]["dq0"]:
         raise AminnError(f"{checkpoint.path}: the stages differ in dq0; an exported model has one form for both")
     meta = {

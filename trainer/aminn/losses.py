@@ -5,29 +5,12 @@ Norms, not squares: a few large slips carry most of the squared error and would 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import torch
 from torch import Tensor
 
-from .dims import LENGTH_SCALE_M
-from .mechanics import Response
-
-
-@dataclass(frozen=True)
-class LossWeights:
-    """Weights of the stage 2 loss."""
-
-    translation: float = 1.0
-    """On |dp error| / 0.1 m."""
-    rotation: float = 1.0
-    """On the geodesic angle, rad."""
-    relative: float = 0.02
-    """Pose size above which an error counts by its share of the motion rather than by its size."""
-    gate: float = 1e-4
-    """On mean g (1 - g): gates that are open or shut."""
-    tendon: float = 1e-5
-    """On mean K_tendon^2, (N.m/rad)^2: no more tendon stiffness than the data asks for."""
+from .config import LossWeights
+from .dims import LENGTH_SCALE_M, N_COORD
+from .mechanics import Response, Springs
 
 
 def _quaternion(rotvec: Tensor) -> Tensor:
@@ -43,17 +26,26 @@ def geodesic_angle(a: Tensor, b: Tensor) -> Tensor:
     return 2 * torch.atan2(torch.sqrt((vector * vector).sum(-1) + 1e-14), scalar.abs())
 
 
-def pose_loss(pred: Tensor, true: Tensor, weights: LossWeights) -> Tensor:
-    """Mean over samples of the weighted pose error, (N, 6) against (N, 6)."""
+def pose_terms(pred: Tensor, true: Tensor, weights: LossWeights) -> dict[str, Tensor]:
+    """Weighted translation and rotation error, means over samples of (N, 6) against (N, 6)."""
     dp = (pred[:, :3] - true[:, :3]) / LENGTH_SCALE_M
     translation = torch.sqrt((dp * dp).sum(-1) + 1e-14)
     angle = geodesic_angle(pred[:, 3:], true[:, 3:])
     size = torch.sqrt((true[:, :3] ** 2).sum(-1) / LENGTH_SCALE_M**2 + (true[:, 3:] ** 2).sum(-1))
     scale = weights.relative / (weights.relative + size)
-    return (scale * (weights.translation * translation + weights.rotation * angle)).mean()
+    if weights.power != 1:
+        translation, angle = translation**weights.power, angle**weights.power
+    return {
+        "translation": weights.translation * (scale * translation).mean(),
+        "rotation": weights.rotation * (scale * angle).mean(),
+    }
 
 
-def structural_loss(response: Response, weights: LossWeights) -> Tensor:
-    """The paper's regularisers: decided gates and little tendon stiffness."""
+def structural_terms(springs: Springs, response: Response, weights: LossWeights) -> dict[str, Tensor]:
+    """The paper's regularisers: decided gates and little tendon stiffness.
+
+    The mean of K_tendon^2 follows from gains and gates alone, since |d| = 1.
+    """
     gate = (response.gate * (1 - response.gate)).mean()
-    return weights.gate * gate + weights.tendon * (response.k_tendon**2).mean()
+    tendon = ((springs.tendon_gain * response.gate) ** 2).mean() / N_COORD**2
+    return {"gate": weights.gate * gate, "tendon": weights.tendon * tendon}

@@ -85,6 +85,44 @@ def f1_score(stable_pred: Mask, stable_true: Mask) -> float:
     return 2 * hits / total if total else float("nan")
 
 
+def precision_recall(stable_pred: Mask, stable_true: Mask) -> tuple[float, float]:
+    """Precision and recall of stable; nan where nothing is predicted, or is, stable."""
+    hits = float((stable_pred & stable_true).sum())
+    predicted, true = int(stable_pred.sum()), int(stable_true.sum())
+    return hits / predicted if predicted else float("nan"), hits / true if true else float("nan")
+
+
+def auroc(score: Array, positive: Mask) -> float:
+    """Probability that a positive scores higher than a negative (ties count half); nan without both."""
+    n, m = int(positive.sum()), int((~positive).sum())
+    if not n or not m:
+        return float("nan")
+    _, inverse, counts = np.unique(score, return_inverse=True, return_counts=True)
+    rank = (np.cumsum(counts) - 0.5 * (counts - 1))[inverse]  # average rank among ties, from 1
+    return float((rank[positive].sum() - n * (n + 1) / 2) / (n * m))
+
+
+CALIBRATION_BINS = 15
+
+
+def reliability(p: Array, positive: Mask, bins: int = CALIBRATION_BINS) -> list[dict[str, float]]:
+    """Reliability curve over equal bins of p: count, mean p and share of positives of each bin that is not empty."""
+    index = np.minimum((p * bins).astype(int), bins - 1)
+    found = [index == k for k in range(bins) if (index == k).any()]
+    return [{"n": int(i.sum()), "p": float(p[i].mean()), "share": float(positive[i].mean())} for i in found]
+
+
+def calibration_figures(p: Array, positive: Mask) -> dict[str, float]:
+    """Expected calibration error over equal bins, Brier score, and AUROC."""
+    curve = reliability(p, positive)
+    total = sum(b["n"] for b in curve)
+    return {
+        "ece": sum(b["n"] * abs(b["p"] - b["share"]) for b in curve) / total if total else float("nan"),
+        "brier": float(np.mean((p - positive) ** 2)) if total else float("nan"),
+        "auroc": auroc(p, positive),
+    }
+
+
 def signed_work(w_e: Array, dx: Array, full: bool) -> Array:
     """Work (n), J: w.dx with the moment (full) or f.dp (translational, as in the paper)."""
     n = 6 if full else 3
@@ -126,8 +164,11 @@ def all_figures(w_e: Array, dx_true: Array, stable_true: Mask, dx_pred: Array, s
     `rmse_*` are over samples truly stable and predicted stable; the same with `_all` are over all truly stable ones.
     """
     both = stable_true & stable_pred
+    precision, recall = precision_recall(stable_pred, stable_true)
     figures: dict[str, float] = {
         "f1": f1_score(stable_pred, stable_true),
+        "precision": precision,
+        "recall": recall,
         "predicted_stable": int(stable_pred.sum()),
     }
     figures |= displacement_figures(dx_pred[both], dx_true[both])
@@ -136,6 +177,18 @@ def all_figures(w_e: Array, dx_true: Array, stable_true: Mask, dx_pred: Array, s
     for name, full in (("translational", False), ("full", True)):
         figures[f"passivity_violation_{name}"] = violation_rate(w_e, dx_pred, stable_pred, full)
     return figures
+
+
+def operating_curve(p: Array, stable_true: Mask, error: Array, points: int = 61) -> dict[str, list[float]]:
+    """What each threshold on p gives: "tau", "f1", "rmse_pose" of what is stable and passed, "passed" (share of all).
+
+    `error` (n) is the pose error; thresholds are quantiles of p, so that the curve is even in the share passed on.
+    """
+    taus = np.unique(np.quantile(p, np.linspace(0, 0.98, points), method="lower"))
+    rows = [(t, f1_score(p >= t, stable_true), rms(error[(p >= t) & stable_true]), (p >= t).mean()) for t in taus]
+    kept = [row for row in rows if np.isfinite(row).all()]
+    names = ("tau", "f1", "rmse_pose", "passed")
+    return {name: [float(row[k]) for row in kept] for k, name in enumerate(names)}
 
 
 def choose_tau(p: Array, stable_true: Mask, error: Array, f1_slack: float = 0.005) -> float:

@@ -7,39 +7,17 @@ Everything between SI inputs and SI outputs is inside, normalisation too. The sh
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import replace
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
-from .dims import N_AUX, N_BRANCH, N_BRANCH_HEAD, N_CONTACT_INPUT, N_GLOBAL_INPUT, N_HEAD, N_JOINT, N_WRENCH
-from .mechanics import MechanicsConfig, Response, Springs, length_scaling, two_pass
+from .config import MechanicsConfig, ModelConfig
+from .dims import N_AUX, N_BRANCH, N_BRANCH_HEAD, N_CONTACT_INPUT, N_COORD, N_GLOBAL_INPUT, N_HEAD, N_JOINT, N_WRENCH
+from .mechanics import NO_EXTRAS, Extras, Response, Springs, batch_first, length_scaling, product, two_pass
 from .nominal import CHOL_COLS, CHOL_ROWS, Nominal
-
-
-@dataclass(frozen=True)
-class ModelConfig:
-    """Sizes and constants of a cascade; written into the checkpoint."""
-
-    contact_width: int = 32
-    """Width of the contact summary."""
-    width: int = 64
-    """Width of the trunk."""
-    classifier_width: int = 32
-    """Width of the hidden layer of stage 1's classifier."""
-    log_range: float = 2.0
-    """Cholesky diagonals, gains and alpha stay within exp(+-log_range) of their nominal values."""
-    wrench_log_scale: tuple[float, ...] = (0.1, 0.1, 0.1, 0.005, 0.005, 0.005)
-    """Where the signed logarithm of the wrench turns from linear to logarithmic: N and N.m."""
-    displacement_log_scale: float = 1e-3
-    """The same for the displacement that stage 1's classifier sees, m (rotations times 0.1 m)."""
-    gate_nominal: tuple[float, ...] = (20.0, 0.05, 2.0)
-    """alpha (1/rad), scale of beta (rad) and rho of an untrained gate: taut under pretension."""
-    mechanics: tuple[MechanicsConfig, MechanicsConfig] = field(
-        default_factory=lambda: (MechanicsConfig(), MechanicsConfig())
-    )
-    """The layer's constants for stage 1 and stage 2."""
 
 
 def slog(v: Tensor, scale: Tensor | float) -> Tensor:
@@ -83,8 +61,30 @@ def global_input(q: Tensor, x_ht: Tensor, w_e: Tensor, wrench_log_scale: Tensor)
     return torch.cat([q, x_ht, w_e, slog(w_e, wrench_log_scale)], -1)
 
 
+# Centres of what the optional heads predict.
+TWIST_NOMINAL = 1e-3  # N.m/rad
+SLIP_NOMINAL = (0.75, 1e-3)  # 1, m/N
+
+
+def _near_zero(layer: nn.Linear) -> nn.Linear:
+    """The layer with outputs that start close to zero."""
+    nn.init.zeros_(layer.bias)
+    layer.weight.data.mul_(0.1)
+    return layer
+
+
+def _uniform(nominal: Nominal) -> Nominal:
+    """The same hand with nothing known of its stiffness: all of it 0.3 N.m/rad, no preferred direction."""
+    chol = np.where(np.arange(len(CHOL_ROWS)) < N_COORD, math.sqrt(0.3), 0.0) * np.ones((N_BRANCH, 1))
+    gain = np.full(N_BRANCH, 0.3)
+    return replace(nominal, chol=chol, tendon_dir=np.zeros_like(nominal.tendon_dir), tendon_gain=gain)
+
+
 class Backbone(nn.Module):
     """One stage: feature f and the two-pass response."""
+
+    precision: torch.dtype = torch.float64
+    """Arithmetic of the mechanics layer; training steps set float32."""
 
     def __init__(self, config: ModelConfig, mechanics: MechanicsConfig, nominal: Nominal) -> None:
         super().__init__()
@@ -94,14 +94,18 @@ class Backbone(nn.Module):
         self.contact = nn.Linear(N_CONTACT_INPUT, config.contact_width)
         self.trunk1 = nn.Linear(config.contact_width + N_GLOBAL_INPUT, config.width)
         self.trunk2 = nn.Linear(config.width, config.width)
-        self.head = nn.Linear(config.width, N_HEAD)
-        nn.init.zeros_(self.head.bias)
-        self.head.weight.data.mul_(0.1)  # start close to the nominal hand
+        self.head = _near_zero(nn.Linear(config.width, N_HEAD))  # start close to the nominal hand
+        extra = {"slip_head": 2 * N_BRANCH if config.slip else 0, "twist_head": N_BRANCH if config.soft_finger else 0}
+        for name, size in extra.items():
+            setattr(self, name, _near_zero(nn.Linear(config.width, size)) if size else None)
+        if mechanics.learn_eps_m:
+            self.log_eps_m = nn.Parameter(torch.tensor(math.log(mechanics.eps_m)))
+        start = nominal if config.heads == "correction" else _uniform(nominal)
         constants = {
             "wrench_log_scale": config.wrench_log_scale,
-            "chol_nom": nominal.chol,
-            "tendon_dir_nom": nominal.tendon_dir,
-            "tendon_gain_nom": nominal.tendon_gain,
+            "chol_nom": start.chol,
+            "tendon_dir_nom": start.tendon_dir,
+            "tendon_gain_nom": start.tendon_gain,
             "gate_nom": config.gate_nominal,
             "coord_mask": nominal.coord_mask,
         }
@@ -127,35 +131,54 @@ class Backbone(nn.Module):
 
     def springs_from_head(self, y: Tensor) -> Springs:
         """Springs and tendons from raw head outputs y (N, 39); zeros give the nominal hand."""
-        y = y.unflatten(-1, (N_BRANCH, N_BRANCH_HEAD))
-        ld, lo, d, k, al, be, rh = y.split([3, 3, 3, 1, 1, 1, 1], -1)
-        mask, r = self.coord_mask, self.config.log_range
-        nom_diag, nom_off = self.chol_nom[:, :3], self.chol_nom[:, 3:]
+        y = y.mT.unflatten(0, (N_BRANCH, N_BRANCH_HEAD)).transpose(0, 1).contiguous()  # (13, 3, N): batch last
+        ld, lo, d, k, al, be, rh = y.split([3, 3, 3, 1, 1, 1, 1])
+        mask, r = self.coord_mask.mT[..., None], self.config.log_range  # (3, 3, 1)
+        nominal = self.chol_nom.mT[..., None]  # (6, 3, 1)
         rows, cols = list(CHOL_ROWS[3:]), list(CHOL_COLS[3:])
-        diag = nom_diag * torch.exp(r * torch.tanh(ld) * mask)  # (N, 3, 3)
-        size = (nom_diag[:, rows] * nom_diag[:, cols]).sqrt()
-        off = (nom_off + size * torch.tanh(lo)) * mask[:, rows] * mask[:, cols]  # (N, 3, 3)
-        l00, l11, l22 = diag.unbind(-1)
-        l10, l20, l21 = off.unbind(-1)
+        diag = nominal[:3] * torch.exp(r * torch.tanh(ld) * mask)  # (3, 3, N)
+        size = (nominal[rows] * nominal[cols]).sqrt()
+        off = (nominal[3:] + size * torch.tanh(lo)) * (mask[rows] * mask[cols])  # (3, 3, N)
+        (l00, l11, l22), (l10, l20, l21) = diag, off
         zero = torch.zeros_like(l00)
-        entries = torch.stack([l00, zero, zero, l10, l11, zero, l20, l21, l22], -1)
-        factor = entries.unflatten(-1, (3, 3))  # (N, 3, 3, 3) lower triangular
-        v = (self.tendon_dir_nom + d) * mask  # (N, 3, 3)
-        direction = v / torch.sqrt((v * v).sum(-1, keepdim=True) + 1e-12)
-        gain = self.tendon_gain_nom * torch.exp(r * torch.tanh(k.squeeze(-1)))  # (N, 3)
-        alpha = self.gate_nom[0] * torch.exp(r * torch.tanh(al))  # (N, 3, 1)
-        gate_params = torch.cat([alpha, self.gate_nom[1] * be, self.gate_nom[2] + rh], -1)  # (N, 3, 3)
-        return Springs(factor @ factor.mT, direction, gain, gate_params)
+        lower = torch.stack([l00, zero, zero, l10, l11, zero, l20, l21, l22]).unflatten(0, (3, 3))  # (3, 3, 3, N)
+        v = (self.tendon_dir_nom.mT[..., None] + d) * mask  # (3, 3, N)
+        direction = v / torch.sqrt((v * v).sum(0) + 1e-12)
+        gain = self.tendon_gain_nom[:, None] * torch.exp(r * torch.tanh(k[0]))  # (3, N)
+        alpha = self.gate_nom[0] * torch.exp(r * torch.tanh(al))  # (1, 3, N)
+        gate_params = torch.cat([alpha, self.gate_nom[1] * be, self.gate_nom[2] + rh])  # (3, 3, N)
+        return Springs(*map(batch_first, (product(lower, lower.transpose(0, 1)), direction, gain, gate_params)))
 
-    def respond(self, springs: Springs, x: dict[str, Tensor]) -> Response:
+    @property
+    def eps_m(self) -> float:
+        """Contact compliance of this stage, m/N."""
+        return math.exp(self.log_eps_m.item()) if self.mechanics.learn_eps_m else self.mechanics.eps_m
+
+    def extras(self, f: Tensor, x: dict[str, Tensor]) -> Extras:
+        """The terms beyond the paper's layer that this configuration has, from f (N, width)."""
+        extras = Extras(normal=x["contacts"][..., 4:7], normal_force=x["contacts"][..., 7])
+        if self.mechanics.learn_eps_m:
+            extras = extras._replace(eps_m=self.log_eps_m.exp())
+        if self.twist_head is not None:
+            extras = extras._replace(twist=TWIST_NOMINAL * torch.exp(4 * torch.tanh(self.twist_head(f))))  # (N, 3)
+        if self.slip_head is not None:
+            friction, compliance = torch.tanh(self.slip_head(f)).unflatten(-1, (2, N_BRANCH)).unbind(-2)  # (N, 3) each
+            nominal = (SLIP_NOMINAL[0] * torch.exp(friction), SLIP_NOMINAL[1] * torch.exp(4 * compliance))
+            extras = extras._replace(slip=torch.stack(nominal, -1))
+        return extras
+
+    def respond(self, springs: Springs, x: dict[str, Tensor], extras: Extras = NO_EXTRAS) -> Response:
         """The two-pass layer on this stage's constants."""
         contact = x["contacts"][..., 0]
-        return two_pass(springs, x["w_e"], contact, x["j_x"], x["j_q"], self.coord_mask, self.mechanics)
+        return two_pass(
+            springs, x["w_e"], contact, x["j_x"], x["j_q"], self.coord_mask, self.mechanics, extras, self.precision
+        )
 
     def forward(self, x: dict[str, Tensor]) -> tuple[Tensor, Springs, Response]:
         f = self.features(x)
-        springs = self.springs(f)
-        return f, springs, self.respond(springs, x)
+        seen = f if self.config.heads_see_wrench else self.features(x | {"w_e": torch.zeros_like(x["w_e"])})
+        springs = self.springs(seen)
+        return f, springs, self.respond(springs, x, self.extras(seen, x))
 
     def nominal_response(self, x: dict[str, Tensor]) -> Response:
         """The analytical model: nominal springs, tendons taut, nothing learned. Raw head outputs are all zero."""

@@ -41,6 +41,15 @@ def _tendons_of(hand: dict, branch: int) -> list[tuple[Array, float]]:
     return [(np.asarray(t["moment_arm_m"], float), float(t["stiffness_N_m"])) for t in mine]
 
 
+def gated_tendons(hand: dict) -> list[int]:
+    """For each branch, the number in `hand["tendons"]` of the tendon that the model's gate stands for."""
+    gated = []
+    for b, name in enumerate(hand["branches"]):
+        mine = [i for i, t in enumerate(hand["tendons"]) if t["branch"] in (b, name)]
+        gated.append(min(mine, key=lambda i: abs(hand["tendons"][i]["moment_arm_m"][-1])))
+    return gated
+
+
 def nominal_from_hand(hand: dict) -> Nominal:
     """Read the `hand` entry of a manifest. Raises AminnError if it does not describe a three-branch hand."""
     joints = tuple(tuple(row) for row in hand["branch_joints"])

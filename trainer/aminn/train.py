@@ -1,90 +1,82 @@
 """Train a cascade: stage 1 on every sample, stage 2 on the stable ones, then the threshold tau on validation data.
 
-Bytes depend on data, configuration and seed alone: arithmetic runs on one thread and each epoch's order comes from
-(seed, stage, epoch). An interrupted run goes on from its last finished epoch and ends in the same bytes.
+Bytes depend on data, configuration and seed alone: arithmetic runs on one thread, and the order of the samples comes
+from a generator whose state is part of the run's state (`run_state`). An interrupted or killed run goes on from its
+last finished epoch and ends in the same bytes.
 """
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
-from safetensors import SafetensorError
-from safetensors.torch import load_file, save
 from torch import Tensor, nn
 from tqdm import tqdm
 
-from .checkpoint import META, Checkpoint, build_model, load_checkpoint, save_checkpoint, write_atomically, write_json
+from .baseline import n_parameters
+from .card import write_card
+from .checkpoint import META, Checkpoint, build_model, load_checkpoint, save_checkpoint
+from .config import LossWeights, TrainConfig
 from .dataset import Dataset
 from .errors import AminnError
-from .losses import LossWeights, pose_loss, structural_loss
-from .metrics import choose_tau, pose_error
-from .model import ModelConfig
+from .losses import pose_terms, structural_terms
+from .metrics import all_figures, calibration_figures, choose_tau, operating_curve, pose_error
+from .model import Backbone
 from .nominal import nominal_from_hand
 from .predict import predict
+from .run_state import (
+    FILE,
+    RunState,
+    clear_run,
+    differences,
+    load_run,
+    named,
+    optimiser_tensors,
+    restore_optimiser,
+    save_run,
+)
 
 # To be raised with every change of the trainer that changes what a run results in.
-TRAINING_VERSION = 1
-RESUME, RESUME_META = "resume.safetensors", "resume.json"
+TRAINING_VERSION = 2
+BOARD = "tensorboard"
+LEAST_GRASPS = {"train": 5, "validation": 2}
 Inputs = dict[str, Tensor]
-
-
-@dataclass(frozen=True)
-class TrainConfig:
-    """One training run."""
-
-    kind: str = "aminn"
-    """"aminn" or "mlp"."""
-    seed: int = 0
-    """Initial weights and order of the samples."""
-    epochs: int = 40
-    """Passes over the data, for each stage."""
-    batch: int = 128
-    """Samples per step."""
-    learning_rate: float = 2e-3
-    """Peak of the one-cycle cosine schedule."""
-    weight_decay: float = 0.5
-    """AdamW's; without it the typical error is a little larger (docs/evaluation.md)."""
-    gradient_clip: float = 1.0
-    """Largest norm of a step's gradient."""
-    loss: LossWeights = field(default_factory=LossWeights)
-    """Weights of the stage 2 loss."""
-    model: ModelConfig = field(default_factory=ModelConfig)
-    """Sizes and constants."""
+Terms = dict[str, Tensor]
 
 
 @dataclass(frozen=True)
 class _Stage:
-    """What the loop needs to know of a stage: `loss(inputs, targets)` averages over a batch."""
+    """What the loop needs to know of a stage: `terms(inputs, targets)` are the loss's parts, averaged over a batch."""
 
     name: str
     module: nn.Module
-    loss: Callable[[Inputs, Tensor], Tensor]
+    terms: Callable[[Inputs, Tensor], Terms]
     train: tuple[Inputs, Tensor]
     validation: tuple[Inputs, Tensor]
 
 
-def _stage1_loss(module: nn.Module, kind: str) -> Callable[[Inputs, Tensor], Tensor]:
-    def loss(x: Inputs, stable: Tensor) -> Tensor:
+def _stage1_terms(module: nn.Module, kind: str) -> Callable[[Inputs, Tensor], Terms]:
+    def terms(x: Inputs, stable: Tensor) -> Terms:
         logit = module(x)[0] if kind == "aminn" else module(x).squeeze(-1)
-        return nn.functional.binary_cross_entropy_with_logits(logit, stable)
+        return {"cross-entropy": nn.functional.binary_cross_entropy_with_logits(logit, stable)}
 
-    return loss
+    return terms
 
 
-def _stage2_loss(module: nn.Module, kind: str, weights: LossWeights) -> Callable[[Inputs, Tensor], Tensor]:
-    def loss(x: Inputs, dx: Tensor) -> Tensor:
+def _stage2_terms(module: nn.Module, kind: str, weights: LossWeights) -> Callable[[Inputs, Tensor], Terms]:
+    def terms(x: Inputs, dx: Tensor) -> Terms:
         if kind != "aminn":
-            return pose_loss(module(x), dx, weights)
-        pred, _, response = module(x)
-        return pose_loss(pred, dx, weights) + structural_loss(response, weights)
+            return pose_terms(module(x), dx, weights)
+        pred, springs, response = module(x)
+        return pose_terms(pred, dx, weights) | structural_terms(springs, response, weights)
 
-    return loss
+    return terms
 
 
 def _select(x: Inputs, index: Tensor) -> Inputs:
@@ -105,21 +97,11 @@ def _stages(model: nn.Module, config: TrainConfig, train: Dataset, validation: D
     model.stage2.fit_normalisers(stable_x)
     if config.kind == "mlp":
         model.stage2.out_scale.copy_(dx[held].std(0))
+    stage1 = _stage1_terms(model.stage1, config.kind)
+    stage2 = _stage2_terms(model.stage2, config.kind, config.loss)
     return [
-        _Stage(
-            "stage1",
-            model.stage1,
-            _stage1_loss(model.stage1, config.kind),
-            (x, stable.float()),
-            (xv, stable_v.float()),
-        ),
-        _Stage(
-            "stage2",
-            model.stage2,
-            _stage2_loss(model.stage2, config.kind, config.loss),
-            (stable_x, dx[held]),
-            (_select(xv, held_v), dx_v[held_v]),
-        ),
+        _Stage("stage1", model.stage1, stage1, (x, stable.float()), (xv, stable_v.float())),
+        _Stage("stage2", model.stage2, stage2, (stable_x, dx[held]), (_select(xv, held_v), dx_v[held_v])),
     ]
 
 
@@ -132,87 +114,114 @@ def identity_of(config: TrainConfig, data_sha256: str) -> dict:
     }
 
 
-class _Run:
-    """State of an unfinished stage on disk: weights, AdamW's moments, best weights so far, history."""
-
-    def __init__(self, folder: Path, config: TrainConfig, data_sha256: str) -> None:
-        self.folder = folder
-        self.identity = identity_of(config, data_sha256)
-
-    def save(self, state: dict[str, Tensor], progress: dict) -> None:
-        write_atomically(self.folder / RESUME, save({k: v.contiguous() for k, v in state.items()}))
-        write_json(self.folder / RESUME_META, self.identity | progress)
-
-    def load(self) -> tuple[dict[str, Tensor], dict] | None:
-        meta_file = self.folder / RESUME_META
-        if not meta_file.is_file() or not (self.folder / RESUME).is_file():
-            return None
-        try:
-            progress, state = json.loads(meta_file.read_text()), load_file(self.folder / RESUME)
-        except (json.JSONDecodeError, SafetensorError) as error:
-            raise AminnError(
-                f"{self.folder}: the unfinished run there is damaged ({error}); remove the folder"
-            ) from error
-        if any(progress.get(k) != v for k, v in self.identity.items()):
-            raise AminnError(
-                f"{self.folder}: holds an unfinished run with another configuration or data set; "
-                "remove the folder or give another one"
-            )
-        # The two files are written one after the other: a cut between them leaves a pair that does not belong together.
-        return (state, progress) if int(state["epoch"]) == progress["total_epochs"] else None
-
-    def clear(self) -> None:
-        for name in (RESUME_META, RESUME):
-            (self.folder / name).unlink(missing_ok=True)
-
-
-def _optimiser_state(optimiser: torch.optim.AdamW) -> dict[str, Tensor]:
-    states = optimiser.state_dict()["state"]
-    return {f"adam.{i}.{name}": value for i, state in states.items() for name, value in state.items()}
-
-
-def _restore_optimiser(optimiser: torch.optim.AdamW, state: dict[str, Tensor]) -> None:
-    restored: dict[int, dict[str, Tensor]] = {}
-    for key, value in state.items():
-        if key.startswith("adam."):
-            _, index, name = key.split(".")
-            restored.setdefault(int(index), {})[name] = value
-    optimiser.load_state_dict(optimiser.state_dict() | {"state": restored})
-
-
-def _prefixed(prefix: str, state: dict[str, Tensor]) -> dict[str, Tensor]:
-    return {prefix + k: v for k, v in state.items()}
-
-
-def _unprefixed(prefix: str, state: dict[str, Tensor]) -> dict[str, Tensor]:
-    return {k.removeprefix(prefix): v for k, v in state.items() if k.startswith(prefix)}
-
-
-def _learning_rate(config: TrainConfig, progress: float) -> float:
-    """Linear warm-up over the first 5 %, then a cosine to zero; progress in [0, 1)."""
+def _rate(progress: float) -> float:
+    """Share of the peak learning rate: linear warm-up over the first 5 %, then a cosine to zero; progress in [0, 1]."""
     warm_up = 0.05
     if progress < warm_up:
-        return config.learning_rate * progress / warm_up
-    return config.learning_rate * 0.5 * (1 + np.cos(np.pi * (progress - warm_up) / (1 - warm_up)))
+        return progress / warm_up
+    return 0.5 * (1 + float(np.cos(np.pi * (progress - warm_up) / (1 - warm_up))))
 
 
-def _epoch(stage: _Stage, stage_index: int, epoch: int, config: TrainConfig, optimiser: torch.optim.AdamW) -> float:
-    """One pass over the training data; the mean loss."""
-    x, y = stage.train
-    seed = int(np.random.SeedSequence([config.seed, stage_index, epoch]).generate_state(1)[0])
-    order = torch.randperm(len(y), generator=torch.Generator().manual_seed(seed))
-    steps = order.split(config.batch)
-    total = 0.0
-    for k, index in enumerate(steps):
-        for group in optimiser.param_groups:
-            group["lr"] = _learning_rate(config, (epoch + k / len(steps)) / config.epochs)
-        optimiser.zero_grad()
-        loss = stage.loss(_select(x, index), y[index])
-        loss.backward()
-        nn.utils.clip_grad_norm_(stage.module.parameters(), config.gradient_clip)
-        optimiser.step()
-        total += loss.item() * len(index)
-    return total / len(y)
+@contextmanager
+def _precision(module: nn.Module, dtype: torch.dtype) -> Iterator[None]:
+    """The mechanics layers of `module` compute in `dtype` within."""
+    layers = [m for m in module.modules() if isinstance(m, Backbone)]
+    for layer in layers:
+        layer.precision = dtype
+    try:
+        yield
+    finally:
+        for layer in layers:
+            layer.precision = torch.float64
+
+
+class _Loop:
+    """The optimisation of one stage; its state is what `RunState` keeps."""
+
+    def __init__(self, stage: _Stage, config: TrainConfig) -> None:
+        self.stage, self.config = stage, config
+        self.steps_an_epoch = -(-len(stage.train[1]) // config.batch)
+        settings = {"lr": config.learning_rate, "weight_decay": config.weight_decay}
+        self.optimiser = torch.optim.AdamW(stage.module.parameters(), **settings, fused=True)
+        total = config.epochs * self.steps_an_epoch
+        self.schedule = torch.optim.lr_scheduler.LambdaLR(self.optimiser, lambda step: _rate(step / total))
+        self.rng = torch.Generator()
+        self.best = {k: v.clone() for k, v in stage.module.state_dict().items()}
+        self.history: dict[str, list[float]] = {"train": [], "validation": []}
+        self.first_loss: float | None = None
+
+    def seed(self, index: int) -> None:
+        """Start the order of the samples of stage number `index`."""
+        self.rng.manual_seed(int(np.random.SeedSequence([self.config.seed, index]).generate_state(1)[0]))
+
+    def restore(self, state: RunState) -> None:
+        restore_optimiser(self.optimiser, state)
+        self.best, progress = state.part("best"), state.progress
+        self.schedule.load_state_dict(progress["schedule"])
+        for group, rate in zip(self.optimiser.param_groups, self.schedule.get_last_lr(), strict=True):
+            group["lr"] = rate
+        self.rng.set_state(state.tensors["rng"])
+        self.history = progress["history"][self.stage.name]
+        self.first_loss = progress["first_loss"]
+
+    def state(self, model: nn.Module, progress: dict) -> RunState:
+        """Everything that `restore` needs; `progress` has what is not the loop's own."""
+        schedule = {k: v for k, v in self.schedule.state_dict().items() if isinstance(v, int | float | bool | list)}
+        tensors = named("model", model.state_dict()) | named("best", self.best) | optimiser_tensors(self.optimiser)
+        return RunState(
+            tensors | {"rng": self.rng.get_state()},
+            progress | {"schedule": schedule, "first_loss": self.first_loss},
+        )
+
+    def epoch(self) -> None:
+        """One pass over the training data, then the validation loss; keeps the best weights."""
+        x, y = self.stage.train
+        total = 0.0
+        self.stage.module.train()
+        for index in torch.randperm(len(y), generator=self.rng).split(self.config.batch):
+            total += self._step(_select(x, index), y[index]) * len(index)
+        self.history["train"].append(total / len(y))
+        self.stage.module.eval()
+        with torch.no_grad():
+            loss = self._checked(self.stage.terms(*self.stage.validation), "validation")
+        if loss < min(self.history["validation"], default=np.inf):
+            self.best = {k: v.clone() for k, v in self.stage.module.state_dict().items()}
+        self.history["validation"].append(loss)
+
+    def _step(self, x: Inputs, y: Tensor) -> float:
+        """One step of the optimiser; the loss before it."""
+        with _precision(self.stage.module, torch.float32):
+            terms, norm = self._gradient(x, y)
+        if not np.isfinite(norm):  # float32 can fail on a nearly singular branch where float64 does not
+            terms, norm = self._gradient(x, y)
+        loss = self._checked(terms, f"step {self.schedule.last_epoch + 1}", norm)
+        self.optimiser.step()
+        self.schedule.step()
+        return loss
+
+    def _gradient(self, x: Inputs, y: Tensor) -> tuple[Terms, float]:
+        """Loss terms and the norm of the gradient, which is left clipped in the parameters."""
+        self.optimiser.zero_grad()
+        terms = self.stage.terms(x, y)
+        sum(terms.values()).backward()
+        norm = nn.utils.clip_grad_norm_(self.stage.module.parameters(), self.config.gradient_clip)
+        return terms, float(norm)
+
+    def _checked(self, terms: Terms, where: str, norm: float = 0.0) -> float:
+        """The loss. Raises AminnError if it diverges, naming step and term."""
+        values = {name: term.item() for name, term in terms.items()}
+        loss = sum(values.values())
+        self.first_loss = loss if self.first_loss is None else self.first_loss
+        limit = self.config.divergence * self.first_loss
+        if np.isfinite(loss) and np.isfinite(norm) and loss <= limit:
+            return loss
+        bad = [name for name, value in values.items() if not np.isfinite(value)]
+        name = bad[0] if bad else max(values, key=values.__getitem__)
+        what = f"{name} is {values[name]:.3g}" if bad or loss > limit else f"the gradient of {name} is not finite"
+        raise AminnError(
+            f"{self.stage.name}, epoch {len(self.history['validation']) + 1}, {where}: the loss diverges, {what} "
+            f"(the first step's loss was {self.first_loss:.3g}); lower learning_rate or gradient_clip"
+        )
 
 
 def _progress_bar(title: str, done: int, epochs: int, position: int) -> tqdm:
@@ -221,43 +230,34 @@ def _progress_bar(title: str, done: int, epochs: int, position: int) -> tqdm:
     return tqdm(range(done, epochs), initial=done, total=epochs, desc=title, unit="epoch", **settings)
 
 
-def _train_stage(
-    stage: _Stage,
-    stage_index: int,
-    config: TrainConfig,
-    model: nn.Module,
-    run: _Run,
-    progress: dict,
-    state: dict[str, Tensor] | None,
-    bar_position: int,
-) -> None:
-    """Train one stage and leave the weights of its best epoch in the module. `progress` gathers the history."""
-    optimiser = torch.optim.AdamW(stage.module.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay)
-    history = progress["history"].setdefault(stage.name, {"train": [], "validation": []})
-    best = stage.module.state_dict()
-    if state is not None:
-        _restore_optimiser(optimiser, state)
-        best = _unprefixed("best.", state)
-    bar = _progress_bar(f"{config.kind} {stage.name}", len(history["train"]), config.epochs, bar_position)
-    for epoch in bar:
-        history["train"].append(_epoch(stage, stage_index, epoch, config, optimiser))
-        with torch.no_grad():
-            loss = stage.loss(*stage.validation).item()
-        if not np.isfinite(loss):
-            raise AminnError(f"{stage.name}, epoch {epoch}: the validation loss is {loss}; lower the learning rate")
-        if loss < min(history["validation"], default=np.inf):
-            best = {k: v.clone() for k, v in stage.module.state_dict().items()}
-        history["validation"].append(loss)
-        bar.set_postfix(train=f"{history['train'][-1]:.5f}", validation=f"{loss:.5f}", refresh=False)
-        progress["total_epochs"] = stage_index * config.epochs + epoch + 1
-        tensors = _prefixed("model.", model.state_dict()) | _prefixed("best.", best) | _optimiser_state(optimiser)
-        run.save(tensors | {"epoch": torch.tensor(progress["total_epochs"])}, progress)
-    stage.module.load_state_dict(best)
+class _Board:
+    """TensorBoard curves of a run, or nothing."""
+
+    def __init__(self, folder: Path | None, epochs_done: int) -> None:
+        self.writer = None
+        if folder is not None:
+            from torch.utils.tensorboard import SummaryWriter
+
+            self.writer = SummaryWriter(folder, purge_step=epochs_done or None)
+
+    def epoch(self, loop: _Loop, epoch: int) -> None:
+        if self.writer is not None:
+            for part, values in loop.history.items():
+                self.writer.add_scalar(f"{loop.stage.name}/{part}", values[-1], epoch)
+            self.writer.add_scalar(f"{loop.stage.name}/learning_rate", loop.schedule.get_last_lr()[0], epoch)
+
+    def close(self) -> None:
+        if self.writer is not None:
+            self.writer.close()
 
 
 def _check_parts(parts: dict[str, Dataset]) -> None:
     for name, part in parts.items():
-        stable = int(part.samples["stable"].sum())
+        grasps, stable = len(np.unique(part.samples["grasp_id"])), int(part.samples["stable"].sum())
+        if grasps < LEAST_GRASPS[name]:
+            raise AminnError(
+                f"the {name} split has {grasps} grasps, training needs {LEAST_GRASPS[name]} or more: simulate more"
+            )
         if stable == 0 or stable == len(part):
             raise AminnError(
                 f"the {name} split has {stable} stable of {len(part)} samples; training needs both outcomes: "
@@ -265,60 +265,110 @@ def _check_parts(parts: dict[str, Dataset]) -> None:
             )
 
 
-def _finished(out: Path, run: _Run) -> Checkpoint | None:
+def _finished(out: Path, identity: dict) -> Checkpoint | None:
     """The checkpoint in `out` if it is what this run would give. Raises AminnError if it is of another run."""
     if not (out / META).is_file():
         return None
     checkpoint = load_checkpoint(out)
-    if checkpoint.meta.get("identity") != run.identity:
+    found = checkpoint.meta.get("identity", {})
+    if found != identity:
         raise AminnError(
-            f"{out}: holds a model of another configuration or data set; remove the folder or give another one"
+            f"{out}: holds a model of another configuration or data set (it differs in "
+            f"{', '.join(differences(found, identity))}); remove the folder or give another one"
         )
     return checkpoint
 
 
-def train(config: TrainConfig, dataset: Dataset, out: Path, bar_position: int = 0) -> Checkpoint:
-    """Train on `dataset` and write the checkpoint to folder `out`.
+def train(
+    config: TrainConfig, dataset: Dataset, out: Path, bar_position: int = 0, tensorboard: bool = False
+) -> Checkpoint:
+    """Train on `dataset` and write the checkpoint and its model card to folder `out`.
 
     Goes on with an unfinished run found there; a finished one of the same configuration and data is returned as is.
-    `bar_position` is the line of the progress bar, for runs side by side.
+    `bar_position` is the line of the progress bar, for runs side by side; `tensorboard` writes curves to
+    out/tensorboard.
     """
-    parts = {name: dataset.split(name) for name in ("train", "validation")}
+    parts = {"train": dataset.split("train", config.train_fraction), "validation": dataset.split("validation")}
     _check_parts(parts)
-    out.mkdir(parents=True, exist_ok=True)
-    run = _Run(out, config, dataset.sha256)
-    finished = _finished(out, run)
+    identity = identity_of(config, dataset.sha256)
+    finished = _finished(out, identity)
     if finished is not None:
         return finished
+    resumed = load_run(out, identity)
     torch.set_num_threads(1)
     torch.manual_seed(config.seed)
     model = build_model(config.kind, config.model, nominal_from_hand(dataset.manifest["hand"]))
     stages = _stages(model, config, parts["train"], parts["validation"])
-    progress: dict = {"history": {}, "total_epochs": 0}
-    resumed = run.load()
-    if resumed is not None:
-        state, progress = resumed
-        model.load_state_dict(_unprefixed("model.", state))
-    at = max(progress["total_epochs"] - 1, 0) // config.epochs
-    for index, stage in enumerate(stages[at:], start=at):
-        state = resumed[0] if resumed is not None and index == at else None
-        _train_stage(stage, index, config, model, run, progress, state, bar_position)
-    model.eval()
-    tau = _operating_point(model, parts["validation"])
-    meta = {
-        "tau": tau,
-        "seed": config.seed,
-        "identity": run.identity,
-        "history": progress["history"],
-        "data_config_sha256": dataset.manifest["config_sha256"],
-        "n_parameters": sum(p.numel() for p in model.parameters()),
-    }
+    out.mkdir(parents=True, exist_ok=True)
+    history = _optimise(model, stages, config, out, identity, resumed, bar_position, tensorboard)
+    meta = _result(model, parts, dataset.manifest)
+    meta |= {"seed": config.seed, "identity": identity, "history": history}
     save_checkpoint(out, model, meta)
-    run.clear()
-    return load_checkpoint(out)
+    checkpoint = load_checkpoint(out)
+    write_card(checkpoint)
+    clear_run(out)
+    return checkpoint
 
 
-def _operating_point(model: nn.Module, validation: Dataset) -> float:
-    out = predict(model, validation)
-    error = pose_error(out["dx_ht"], validation.samples["dx_ht"])
-    return choose_tau(out["p_stable"], validation.samples["stable"] > 0, error)
+def _optimise(
+    model: nn.Module,
+    stages: list[_Stage],
+    config: TrainConfig,
+    out: Path,
+    identity: dict,
+    resumed: RunState | None,
+    bar_position: int,
+    tensorboard: bool,
+) -> dict:
+    """Train the stages in turn, from `resumed` on, and leave each with its best weights; returns the history."""
+    progress: dict = {"stage": 0, "epoch": 0, "history": {}}
+    if resumed is not None:
+        model.load_state_dict(resumed.part("model"))
+        progress = {k: resumed.progress[k] for k in progress}
+    board = _Board(out / BOARD if tensorboard else None, progress["stage"] * config.epochs + progress["epoch"])
+    for index in range(progress["stage"], len(stages)):
+        loop = _Loop(stages[index], config)
+        loop.seed(index)
+        done = 0
+        if resumed is not None and index == progress["stage"]:
+            loop.restore(resumed)
+            done = progress["epoch"]
+        progress["history"][loop.stage.name] = loop.history
+        bar = _progress_bar(f"{config.kind} {loop.stage.name}", done, config.epochs, bar_position)
+        for epoch in bar:
+            try:
+                loop.epoch()
+            except AminnError as error:
+                kept = f"; the state before this epoch is kept in {out / FILE}" if (out / FILE).is_file() else ""
+                raise AminnError(f"{error}{kept}") from error
+            bar.set_postfix({k: f"{v[-1]:.5f}" for k, v in loop.history.items()}, refresh=False)
+            board.epoch(loop, index * config.epochs + epoch)
+            progress |= {"stage": index, "epoch": epoch + 1}
+            save_run(out, identity, loop.state(model, progress))
+        loop.stage.module.load_state_dict(loop.best)
+        loop.stage.module.eval()
+    board.close()
+    return progress["history"]
+
+
+def _result(model: nn.Module, parts: dict[str, Dataset], manifest: dict) -> dict:
+    """What is known of a trained model: its threshold, its figures on validation data, what it was trained on."""
+    validation = parts["validation"]
+    s, out = validation.samples, predict(model, validation)
+    stable, error = s["stable"] > 0, pose_error(out["dx_ht"], s["dx_ht"])
+    tau = choose_tau(out["p_stable"], stable, error)
+    figures = all_figures(s["w_e"], s["dx_ht"], stable, out["dx_ht"], out["p_stable"] >= tau)
+    figures |= calibration_figures(out["p_stable"], stable)
+    return {
+        "tau": tau,
+        "operating_curve": operating_curve(out["p_stable"], stable, error),
+        "validation": {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in figures.items()},
+        "data": {
+            "hand": manifest["hand"].get("name", ""),
+            "simulator": manifest.get("simulator", ""),
+            **{f"{name}_samples": len(part) for name, part in parts.items()},
+            **{f"{name}_grasps": len(np.unique(part.samples["grasp_id"])) for name, part in parts.items()},
+        },
+        "data_config_sha256": manifest["config_sha256"],
+        "n_parameters": n_parameters(model),
+    }

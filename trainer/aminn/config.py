@@ -1,0 +1,221 @@
+"""Configuration of a training run: dataclasses with a docstring a field, TOML files, and `key=value` overrides.
+
+The field docstrings are the one description of a setting: `aminn train --print-config` prints them beside the values,
+in a form that `--config` reads back. Values are checked where they are made: a wrong one is refused before any work.
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import field, fields, is_dataclass
+from difflib import get_close_matches
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    NonNegativeFloat,
+    NonNegativeInt,
+    PositiveFloat,
+    PositiveInt,
+    TypeAdapter,
+    ValidationError,
+)
+from pydantic.dataclasses import dataclass as checked_dataclass
+
+from .dims import N_WRENCH
+from .errors import AminnError
+
+CHECKS = ConfigDict(extra="forbid", use_attribute_docstrings=True, allow_inf_nan=False)
+settings = partial(checked_dataclass, frozen=True, config=CHECKS)
+
+
+@settings
+class MechanicsConfig:
+    """Constants of the mechanics layer."""
+
+    eps_m: PositiveFloat = 1e-5
+    """Isotropic contact compliance added to every branch, m/N. It also bounds the conditioning in float32."""
+    learn_eps_m: bool = False
+    """Take eps_m as a start and learn it, one value a stage."""
+    eps_kx: PositiveFloat = 1e-3
+    """Stiffness added to the diagonal of K_x: N/m for translation, N.m/rad for rotation."""
+    eps_jq: PositiveFloat = 1e-3
+    """Regularisation of J_q in the "inverse" form of dq0, m/rad."""
+    dq0: Literal["statics", "inverse"] = "statics"
+    """How pass 1 finds the joint deflection: "statics" (K^-1 B^T force) or "inverse" (of J_q, as in the paper)."""
+
+
+def _pair(value: object) -> object:
+    """One set of constants stands for both stages."""
+    return (value, value) if isinstance(value, Mapping | MechanicsConfig) else value
+
+
+def _wrench_scale(value: tuple[float, ...]) -> tuple[float, ...]:
+    if len(value) != N_WRENCH or min(value) <= 0:
+        raise ValueError(f"must be {N_WRENCH} positive numbers")
+    return value
+
+
+@settings
+class ModelConfig:
+    """Sizes and constants of a cascade."""
+
+    contact_width: PositiveInt = 32
+    """Width of the contact summary."""
+    width: PositiveInt = 64
+    """Width of the trunk."""
+    classifier_width: PositiveInt = 32
+    """Width of the hidden layer of stage 1's classifier."""
+    heads: Literal["correction", "free"] = "correction"
+    """Zero head outputs give the hand's nominal springs and tendons, or ("free") the same springs for every hand."""
+    heads_see_wrench: bool = True
+    """Springs and tendons may depend on the load, not on the grasp alone."""
+    soft_finger: bool = False
+    """Contacts resist twisting about their normals (for hands with soft fingertips); not exported."""
+    slip: bool = False
+    """Contacts soften along their tangent planes where pass 1 uses up their friction; not exported."""
+    log_range: PositiveFloat = 2.0
+    """Cholesky diagonals, gains and alpha stay within exp(+-log_range) of their nominal values."""
+    wrench_log_scale: Annotated[tuple[float, ...], AfterValidator(_wrench_scale)] = (0.1, 0.1, 0.1, 0.005, 0.005, 0.005)
+    """Where the signed logarithm of the wrench turns from linear to logarithmic: N and N.m."""
+    displacement_log_scale: PositiveFloat = 1e-3
+    """The same for the displacement that stage 1's classifier sees, m (rotations times 0.1 m)."""
+    gate_nominal: tuple[float, float, float] = (20.0, 0.05, 2.0)
+    """alpha (1/rad), scale of beta (rad) and rho of an untrained gate: taut under pretension."""
+    mechanics: Annotated[tuple[MechanicsConfig, MechanicsConfig], BeforeValidator(_pair)] = field(
+        default_factory=lambda: (MechanicsConfig(), MechanicsConfig())
+    )
+    """The layer's constants for stage 1 and stage 2; one table stands for both."""
+
+
+@settings
+class LossWeights:
+    """Weights of the stage 2 loss."""
+
+    translation: NonNegativeFloat = 1.0
+    """On |dp error| / 0.1 m."""
+    rotation: NonNegativeFloat = 1.0
+    """On the geodesic angle, rad."""
+    relative: PositiveFloat = 0.02
+    """Pose size above which an error counts by its share of the motion rather than by its size; 1e9: never."""
+    power: Annotated[float, Field(ge=1, le=2)] = 1.0
+    """Exponent of the error: 1 trains on its norm, 2 on its square."""
+    gate: NonNegativeFloat = 1e-4
+    """On mean g (1 - g): gates that are open or shut."""
+    tendon: NonNegativeFloat = 1e-5
+    """On mean K_tendon^2, (N.m/rad)^2: no more tendon stiffness than the data asks for."""
+
+
+@settings
+class TrainConfig:
+    """One training run."""
+
+    kind: Literal["aminn", "mlp"] = "aminn"
+    """The model: the analytical-model-informed network or the black box of the same size."""
+    seed: NonNegativeInt = 0
+    """Initial weights and order of the samples."""
+    epochs: PositiveInt = 60
+    """Passes over the data, for each stage."""
+    batch: PositiveInt = 256
+    """Samples a step."""
+    learning_rate: PositiveFloat = 8e-3
+    """Peak of the schedule: linear warm-up over the first 5 % of the steps, then a cosine to zero."""
+    weight_decay: NonNegativeFloat = 0.5
+    """AdamW's."""
+    gradient_clip: PositiveFloat = 1.0
+    """Largest norm of a step's gradient."""
+    divergence: Annotated[float, Field(gt=1)] = 1e3
+    """A step whose loss is so many times that of the stage's first step ends the run as diverged."""
+    train_fraction: Annotated[float, Field(gt=0, le=1)] = 1.0
+    """Share of the training grasps to learn from, for learning curves; smaller shares are part of larger ones."""
+    loss: LossWeights = field(default_factory=LossWeights)
+    """Weights of the stage 2 loss."""
+    model: ModelConfig = field(default_factory=ModelConfig)
+    """Sizes and constants of the network and its mechanics layer."""
+
+
+def build_config(cls: type, values: Mapping[str, Any], source: str = "configuration") -> Any:
+    """A configuration from plain values. Raises AminnError with the key, what is wrong, and what may stand there."""
+    try:
+        return TypeAdapter(cls).validate_python(values)
+    except ValidationError as error:
+        found = dict.fromkeys(map(_complaint, error.errors()))  # a pair of stages complains twice
+        raise AminnError(f"{source}: " + "; ".join(found)) from None
+
+
+def _complaint(error: Any) -> str:
+    """One of pydantic's findings as a sentence; a pair of stages has one place in the name."""
+    place = ".".join(str(part) for part in error["loc"] if not isinstance(part, int))
+    if error["type"] in ("unexpected_keyword_argument", "extra_forbidden"):
+        known = [key for key, *_ in _walk(TrainConfig())]
+        near = get_close_matches(place, known, 1)
+        hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
+        return f"{place} is no setting; {hint}"
+    return f"{place}: {error['msg'][0].lower()}{error['msg'][1:]}, not {error['input']!r}"
+
+
+def _set(values: dict, key: str, value: object) -> None:
+    """Put `value` at a dotted key of nested dictionaries."""
+    *tables, name = key.split(".")
+    for table in tables:
+        values = values.setdefault(table, {})
+        if not isinstance(values, dict):
+            raise AminnError(f"--set {key}: {table} is a single value, not a table")
+    values[name] = value
+
+
+def _parsed(text: str) -> object:
+    """A value as TOML writes it; anything else is taken as a string, so that names need no quotes."""
+    try:
+        return tomllib.loads(f"v = {text}")["v"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def load_config(file: Path | None = None, overrides: Sequence[str] = (), **given: object) -> TrainConfig:
+    """Defaults, then the TOML `file`, then `given` fields that are not None, then "key=value" `overrides`."""
+    values: dict = {}
+    if file is not None:
+        try:
+            values = tomllib.loads(file.read_text())
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise AminnError(f"{file}: not valid TOML ({error})") from error
+    values |= {key: value for key, value in given.items() if value is not None}
+    for override in overrides:
+        key, equals, text = override.partition("=")
+        if not equals or not key:
+            raise AminnError(f"--set {override}: expected key=value, as in loss.relative=0.05")
+        _set(values, key.strip(), _parsed(text.strip()))
+    return build_config(TrainConfig, values, str(file) if file and not overrides else "configuration")
+
+
+def _walk(config: Any, prefix: str = "") -> Iterator[tuple[str, Any, str]]:
+    """(dotted key, value, description) of every setting; of a pair that agrees, the first stands for both."""
+    described = type(config).__pydantic_fields__
+    for f in fields(config):
+        value = getattr(config, f.name)
+        value = value[0] if f.name == "mechanics" else value
+        if is_dataclass(value):
+            yield from _walk(value, f"{prefix}{f.name}.")
+        else:
+            yield prefix + f.name, value, described[f.name].description or ""
+
+
+def as_toml(config: TrainConfig) -> str:
+    """The configuration as a TOML file with each setting's description above it."""
+    lines: list[str] = []
+    table = ""
+    for key, value, text in sorted(_walk(config), key=lambda item: item[0].count(".")):
+        head, _, name = key.rpartition(".")
+        if head != table:
+            lines += [f"[{head}]"]
+            table = head
+        lines += [f"# {' '.join(text.split())}", f"{name} = {json.dumps(value)}", ""]
+    return "\n".join(lines)

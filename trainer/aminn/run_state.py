@@ -1,0 +1,103 @@
+"""An unfinished training run on disk: one safetensors file that holds all that a run needs to go on to the same bytes.
+
+Tensors: weights of the whole model, the best weights of the stage so far, AdamW's moments, the generator's state.
+JSON in the file's metadata: identity of the run, learning-rate schedule, epochs done, history. One file, replaced
+atomically: a kill at any moment leaves the state of the last finished epoch or of the one before.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
+from torch import Tensor
+
+from .checkpoint import write_atomically
+from .errors import AminnError
+
+FILE = "unfinished.safetensors"
+
+
+@dataclass(frozen=True)
+class RunState:
+    """State after an epoch."""
+
+    tensors: dict[str, Tensor]
+    """"model.*", "best.*", "adam.<parameter>.<moment>" and "rng"."""
+    progress: dict
+    """stage, epoch (done), history, schedule: what JSON can hold."""
+
+    def part(self, prefix: str) -> dict[str, Tensor]:
+        """The tensors whose names begin with `prefix` and a point, without it."""
+        start = prefix + "."
+        return {k.removeprefix(start): v for k, v in self.tensors.items() if k.startswith(start)}
+
+
+def named(prefix: str, state: dict[str, Tensor]) -> dict[str, Tensor]:
+    """Tensors with `prefix` and a point before their names."""
+    return {f"{prefix}.{k}": v for k, v in state.items()}
+
+
+def optimiser_tensors(optimiser: torch.optim.Optimizer) -> dict[str, Tensor]:
+    """AdamW's moments and step counts by parameter number."""
+    states = optimiser.state_dict()["state"]
+    return {f"adam.{i}.{name}": value for i, state in states.items() for name, value in state.items()}
+
+
+def restore_optimiser(optimiser: torch.optim.Optimizer, state: RunState) -> None:
+    """Put back what `optimiser_tensors` gave."""
+    moments: dict[int, dict[str, Tensor]] = {}
+    for key, value in state.part("adam").items():
+        index, name = key.split(".")
+        moments.setdefault(int(index), {})[name] = value
+    optimiser.load_state_dict(optimiser.state_dict() | {"state": moments})
+
+
+def save_run(folder: Path, identity: dict, state: RunState) -> None:
+    """Write the state of the run `identity` into `folder`."""
+    metadata = {"identity": json.dumps(identity, sort_keys=True), "progress": json.dumps(state.progress)}
+    tensors = {k: v.detach().contiguous() for k, v in state.tensors.items()}
+    write_atomically(folder / FILE, save(tensors, metadata))
+
+
+def load_run(folder: Path, identity: dict) -> RunState | None:
+    """The unfinished run in `folder`, if there is one. Raises AminnError if it is damaged or of another run."""
+    path = folder / FILE
+    if not path.is_file():
+        return None
+    try:
+        with safe_open(path, "pt") as file:
+            metadata = file.metadata() or {}
+            found, progress = json.loads(metadata["identity"]), json.loads(metadata["progress"])
+            tensors = {name: file.get_tensor(name) for name in file.keys()}
+    except (SafetensorError, KeyError, json.JSONDecodeError) as error:
+        raise AminnError(f"{path}: the unfinished run there is damaged ({error}); remove the folder") from error
+    if found != json.loads(json.dumps(identity)):
+        raise AminnError(
+            f"{folder}: holds an unfinished run that differs in {', '.join(differences(found, identity))}; "
+            "remove the folder or give another one"
+        )
+    return RunState(tensors, progress)
+
+
+def clear_run(folder: Path) -> None:
+    """Remove the unfinished run, if there is one."""
+    (folder / FILE).unlink(missing_ok=True)
+
+
+def differences(found: dict, wanted: dict) -> list[str]:
+    """Dotted keys at which two identities differ."""
+
+    def flat(value: object, prefix: str = "") -> dict[str, object]:
+        if isinstance(value, list | tuple):
+            value = dict(enumerate(value))
+        if not isinstance(value, dict):
+            return {prefix: value}
+        return {k: v for name, inner in value.items() for k, v in flat(inner, f"{prefix}.{name}".strip(".")).items()}
+
+    a, b = flat(found), flat(wanted)
+    return sorted(key for key in a.keys() | b.keys() if a.get(key) != b.get(key))
