@@ -14,9 +14,9 @@ import pytest
 import torch
 from runtime_models import RandomModel, random_inputs, random_model
 
+from aminn.config import MechanicsConfig
 from aminn.dims import BRANCHES, DEBUG_SHAPES, INPUT_SHAPES, JOINTS, OUTPUT_SHAPES
 from aminn.errors import AminnError
-from aminn.config import MechanicsConfig
 from aminn.mechanics import dense_stiffness
 from aminn_export.golden import run_onnx, single_thread_session
 from aminn_export.onnx_model import build_onnx, read_metadata, write_onnx

@@ -12,8 +12,8 @@ from runtime_models import random_inputs
 from synthetic import hand
 
 from aminn.checkpoint import load_checkpoint, save_checkpoint
-from aminn.export_tables import export_tables
 from aminn.config import MechanicsConfig
+from aminn.export_tables import export_tables
 from aminn.model import Aminn, ModelConfig
 from aminn.nominal import nominal_from_hand
 from aminn_export.reference import Reference
