@@ -72,7 +72,7 @@ lint: $(STAMPS)/venv ## ruff on the Python files, clang-format on the C and C++ 
 .PHONY: dataset
 dataset: setup-python ## simulated grasps and loads, in build/dataset (GRASPS=, CASES= a grasp, SEED=, THREADS=)
 	@$(VENV)/bin/aminn simulate --out $(BUILD)/dataset --grasps $(GRASPS) --cases $(CASES) --seed $(SEED) \
-	  --threads $(THREADS)
+	  --threads $(THREADS) --json $(REPORTS)/dataset.json
 	@echo "Dataset: $(BUILD)/dataset/manifest.json"
 
 .PHONY: paper ablation

@@ -13,6 +13,7 @@ import json
 import os
 import platform
 import sys
+import time
 from contextlib import closing
 from functools import partial
 from pathlib import Path
@@ -86,12 +87,14 @@ def simulate(
     progress: bool = True,
     engine: str = "threads",
     hand: Path | str | None = None,
+    report: Path | None = None,
 ) -> dict:
     """Simulate the data set of `config` into `out_dir` and return its manifest.
 
     threads: 0 takes every core that this process may use. engine: one of `engines.ENGINES`; the bytes are the same.
     Complete shards of the same configuration are kept; a folder with another configuration is an error. Interrupting
     (Ctrl-C) leaves the complete shards and no half-written file. hand: a hand file instead of the package's own.
+    report: a file (JSON) for time and rate of this run, if there was anything left to do.
     """
     out = Path(out_dir)
     if threads < 0:
@@ -123,6 +126,7 @@ def simulate(
         smoothing=0.1,
         mininterval=interval,
     ) as bar:
+        start, steps = time.monotonic(), 0
         with closing(run(tasks, threads, lambda n: bar.update(done + n - bar.n))) as shards:
             for task, result in shards:
                 attributes: dict[str, int | str] = {
@@ -132,9 +136,25 @@ def simulate(
                     "n_grasps": task.grasps,
                 }
                 write_shard(out / shard_name(task.number), result, attributes)
+                steps += result["steps"]
     manifest = build_manifest(config, digest, hand_file.as_dict() | simulator.hand(), out)
     _write_atomically(out / "manifest.json", (json.dumps(manifest, sort_keys=True, indent=1) + "\n").encode())
+    if report and todo:
+        _write_report(report, total - done, steps, time.monotonic() - start, threads, engine)
     return manifest
+
+
+def _write_report(path: Path, cases: int, steps: int, seconds: float, threads: int, engine: str) -> None:
+    figures = {
+        "dataset_cases": cases,
+        "dataset_engine_steps": steps,
+        "dataset_seconds": seconds,
+        "dataset_cases_a_second": cases / seconds,
+        "dataset_threads": threads,
+        "dataset_engine": engine,
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    _write_atomically(path, (json.dumps(figures, sort_keys=True, indent=1) + "\n").encode())
 
 
 def check_tools_fit(config: SimulationConfig, hand_file: HandFile, simulator: _core.Simulator) -> None:

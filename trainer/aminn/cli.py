@@ -64,6 +64,7 @@ def main() -> None:
 )
 @click.option("--shard-grasps", type=click.IntRange(1), default=None, help="Grasps per shard.")
 @click.option("--family", "families", multiple=True, help="Tool family; may be repeated.  [default: all]")
+@click.option("--json", "json_file", type=NEW_FILE, help="Write time and rate here, as flat keys.")
 @click.option("--hand", type=click.Path(path_type=Path), default=None, help="Hand file (TOML)  [default: built in]")
 @click.option(
     "--set",
@@ -82,6 +83,7 @@ def simulate(
     engine: str,
     shard_grasps: int | None,
     families: tuple[str, ...],
+    json_file: Path | None,
     hand: Path | None,
     changes: tuple[str, ...],
 ) -> None:
@@ -90,7 +92,7 @@ def simulate(
 
     settings: dict[str, object] = {"shard_grasps": shard_grasps, "families": families or None}
     given = {name: value for name, value in settings.items() if value is not None} | simulation_settings(changes)
-    manifest = run_simulation(out, grasps, cases, seed, threads, engine, hand, **given)
+    manifest = run_simulation(out, grasps, cases, seed, threads, engine, hand, json_file, **given)
     click.echo(f"{manifest['n_samples']} load cases of {manifest['n_grasps']} grasps in {out}")
 
 

@@ -65,18 +65,19 @@ def run_simulation(
     threads: int | None = None,
     engine: str = "threads",
     hand: Path | None = None,
+    json_file: Path | None = None,
     **settings: object,
 ) -> dict:
     """Simulate a data set into folder `out`, or go on with an unfinished one; returns its manifest.
 
     `engine` is one of `aminn_sim.engines.ENGINES`, `hand` a hand file; `settings` are further fields of
-    `aminn_sim.SimulationConfig`.
+    `aminn_sim.SimulationConfig`. `json_file` gets the time it took, if there was anything left to do.
     """
     from aminn_sim import SimulationConfig, SimulationError, simulate
 
     try:
         config = SimulationConfig(grasps=grasps, cases=cases, seed=seed, **settings)
-        return simulate(config, out, threads=threads or 0, engine=engine, hand=hand)
+        return simulate(config, out, threads=threads or 0, engine=engine, hand=hand, report=json_file)
     except SimulationError as error:
         raise AminnError(str(error)) from error
 
