@@ -1,0 +1,115 @@
+"""A simulated grasp in the current MuJoCo, the `mujoco` package: to draw it, and to load it again.
+
+The simulation itself runs on Debian's MuJoCo 2.2. Here the same MJCF and the state of a settled grasp go to a later
+version of the engine. It is of the same lineage: that both agree shows that the model does not hang on one version, and
+not that its physics is right.
+"""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .errors import SimulationError
+
+Array = NDArray[np.float64]
+
+
+def import_mujoco() -> ModuleType:
+    """The package, for what needs no picture. Raises SimulationError with what to install."""
+    try:
+        return importlib.import_module("mujoco")
+    except ImportError as error:
+        raise SimulationError(
+            f"the package mujoco cannot be imported ({error}); install it (pip install 'aminn[mujoco]')"
+        ) from error
+
+
+def rotation_vector(rotation: Array) -> Array:
+    """Rotation vector (3), angle in [0, pi], of a rotation matrix (3, 3)."""
+    mujoco = import_mujoco()
+    quaternion, vector = np.zeros(4), np.zeros(3)
+    mujoco.mju_mat2Quat(quaternion, rotation.ravel())
+    mujoco.mju_quat2Vel(vector, quaternion, 1.0)
+    return vector
+
+
+class CurrentGrasp:
+    """One grasp, set up in the current MuJoCo from the MJCF and from what `Session.scene` gives."""
+
+    def __init__(self, scene_file: Path, scene: dict, torsional_friction_m: float = 0.0, offscreen: int = 0) -> None:
+        """`torsional_friction_m` above 0 makes soft fingers; `offscreen` pixels a side make room for pictures."""
+        self.mujoco = import_mujoco()
+        try:
+            spec = self.mujoco.MjSpec.from_file(str(scene_file))
+            self._set_tool(spec, scene, torsional_friction_m)
+            if offscreen:
+                spec.visual.global_.offwidth = spec.visual.global_.offheight = offscreen
+            self.model = spec.compile()
+            self.palm, self.tool = (self.model.body(name).id for name in ("palm", "tool"))
+        except (ValueError, KeyError) as error:  # what the parser and the compiler raise
+            raise SimulationError(
+                f"{scene_file}: MuJoCo {self.mujoco.__version__} does not take this model: {error}"
+            ) from error
+        self.data = self.mujoco.MjData(self.model)
+        self.scene = scene
+        self.restore()
+
+    def _set_tool(self, spec: object, scene: dict, torsional_friction_m: float) -> None:
+        """Shape, mass, inertia and friction of the tool; the first geoms of the model's tool become its primitives."""
+        body = spec.body("tool")
+        geoms = list(body.geoms)
+        for geom, wanted in zip(geoms, scene["tool_geoms"], strict=False):
+            geom.type = self.mujoco.mjtGeom(int(wanted["type"]))
+            geom.size, geom.pos, geom.quat = wanted["size"], wanted["pos"], wanted["quat"]
+            geom.alt.type = self.mujoco.mjtOrientation.mjORIENTATION_QUAT
+            geom.conaffinity = 1
+            geom.friction[0] = scene["friction"]
+            if torsional_friction_m > 0:
+                geom.condim, geom.friction[1] = 4, torsional_friction_m
+        for geom in geoms[len(scene["tool_geoms"]) :]:
+            spec.delete(geom)
+        body.explicitinertial = True
+        body.mass, body.inertia = scene["mass_kg"], scene["inertia_kgm2"]
+
+    def restore(self) -> None:
+        """The settled grasp, without a load."""
+        self.mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[:], self.data.qvel[:] = self.scene["qpos"], self.scene["qvel"]
+        self.data.ctrl[:] = self.scene["ctrl"]
+        self.mujoco.mj_forward(self.model, self.data)
+
+    def palm_rotation(self) -> Array:
+        """Axes of H in the world, as columns (3, 3)."""
+        return self.data.xmat[self.palm].reshape(3, 3)
+
+    def tool_pose(self) -> tuple[Array, Array]:
+        """Position (3, m) and rotation (3, 3) of the tool in H."""
+        palm = self.palm_rotation()
+        return (
+            palm.T @ (self.data.xpos[self.tool] - self.data.xpos[self.palm]),
+            palm.T @ self.data.xmat[self.tool].reshape(3, 3),
+        )
+
+    def apply(self, w_e: Array) -> None:
+        """Put the wrench w_e (6; N, N.m; H) on the tool from the next step on."""
+        palm = self.palm_rotation()
+        self.data.xfrc_applied[self.tool, :3] = palm @ w_e[:3]
+        self.data.xfrc_applied[self.tool, 3:] = palm @ w_e[3:]
+
+    def load(self, w_e: Array, ramp_s: float, hold_s: float) -> Array:
+        """Displacement (6; m, rad; H) under w_e: a smooth ramp, then a hold, from the settled grasp."""
+        self.restore()
+        position, rotation = self.tool_pose()
+        ramp, hold = (round(s / self.model.opt.timestep) for s in (ramp_s, hold_s))
+        for n in range(1, ramp + hold + 1):
+            x = min(1.0, n / ramp)
+            self.apply(x * x * (3 - 2 * x) * w_e)
+            self.mujoco.mj_step(self.model, self.data)
+        self.mujoco.mj_kinematics(self.model, self.data)
+        after, turned = self.tool_pose()
+        return np.concatenate([after - position, rotation_vector(turned @ rotation.T)])
