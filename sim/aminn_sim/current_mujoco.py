@@ -38,6 +38,15 @@ def rotation_vector(rotation: Array) -> Array:
     return vector
 
 
+def rotation_matrix(vector: Array) -> Array:
+    """Rotation matrix (3, 3) of a rotation vector (3)."""
+    mujoco = import_mujoco()
+    angle, quaternion, matrix = float(np.linalg.norm(vector)), np.zeros(4), np.zeros(9)
+    mujoco.mju_axisAngle2Quat(quaternion, vector / angle if angle > 0 else np.eye(3)[0], angle)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return matrix.reshape(3, 3)
+
+
 class CurrentGrasp:
     """One grasp, set up in the current MuJoCo from the MJCF and from what `Session.scene` gives."""
 
@@ -94,6 +103,45 @@ class CurrentGrasp:
             palm.T @ (self.data.xpos[self.tool] - self.data.xpos[self.palm]),
             palm.T @ self.data.xmat[self.tool].reshape(3, 3),
         )
+
+    def contact_forces(self) -> tuple[Array, Array]:
+        """Contacts of the tool with the hand: points (n, 3; m, H) and the forces on the tool (n, 3; N, H)."""
+        palm, points, forces = self.palm_rotation(), [], []
+        bodies, local = self.model.geom_bodyid, np.zeros(6)
+        for i, contact in enumerate(self.data.contact):
+            on_tool = [bodies[geom] == self.tool for geom in contact.geom]
+            if sum(on_tool) != 1:
+                continue
+            self.mujoco.mj_contactForce(self.model, self.data, i, local)
+            force = contact.frame.reshape(3, 3).T @ local[:3]  # on the second geom; its opposite on the first
+            points.append(palm.T @ (contact.pos - self.data.xpos[self.palm]))
+            forces.append(palm.T @ force * (1 if on_tool[1] else -1))
+        return np.array(points).reshape(-1, 3), np.array(forces).reshape(-1, 3)
+
+    def place(self, q: Array, x_ht: Array, dx_ht: Array) -> None:
+        """From the settled grasp, set the joints to q (8) and move the tool by dx_ht (6; m, rad; H) from x_ht (6)."""
+        self.restore()
+        self._place(self.data, q, x_ht[:3] + dx_ht[:3], rotation_matrix(dx_ht[3:]) @ rotation_matrix(x_ht[3:]))
+        self.mujoco.mj_kinematics(self.model, self.data)
+
+    def show(self, data: object, q: Array, position: Array, rotation: Array) -> None:
+        """Put hand and tool into other `data`, with the palm frame H as the world."""
+        self._place(data, q, position, rotation)
+        self.mujoco.mj_forward(self.model, data)
+
+    def _place(self, data: object, q: Array, position: Array, rotation: Array) -> None:
+        """Joint angles, and the tool's pose in H, with the palm where `data` has it."""
+        self.mujoco.mj_kinematics(self.model, data)
+        palm, origin = data.xmat[self.palm].reshape(3, 3), data.xpos[self.palm]
+        free = self.model.body_jntadr[self.tool]
+        hinges = range(free - len(q), free)  # of the fingers: after the palm's joints and before the tool's
+        for joint, angle in zip(hinges, q, strict=True):
+            data.qpos[self.model.jnt_qposadr[joint]] = angle
+        start = self.model.jnt_qposadr[free]
+        data.qpos[start : start + 3] = origin + palm @ position
+        quaternion = np.zeros(4)
+        self.mujoco.mju_mat2Quat(quaternion, (palm @ rotation).ravel())
+        data.qpos[start + 3 : start + 7] = quaternion
 
     def apply(self, w_e: Array) -> None:
         """Put the wrench w_e (6; N, N.m; H) on the tool from the next step on."""

@@ -1,0 +1,93 @@
+"""The current MuJoCo reads the same model and moves the same grasps as far."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aminn_sim import SimulationConfig, SimulationError, _core
+from aminn_sim.crosscheck import crosscheck
+from aminn_sim.current_mujoco import CurrentGrasp, rotation_matrix, rotation_vector
+from aminn_sim.hand_file import HandFile, read_hand_file
+
+pytest.importorskip("mujoco", reason="the extra mujoco is not installed")
+
+
+@pytest.fixture(scope="module")
+def hand_file() -> HandFile:
+    return read_hand_file(None)
+
+
+@pytest.fixture(scope="module")
+def session(hand_file: HandFile) -> _core.Session:
+    config = SimulationConfig()
+    return _core.Session(hand_file.simulator(), config.options(), 4, 0, 1, 1, config.family_indices())
+
+
+def test_displacements_agree(hand_file: HandFile) -> None:
+    figures = crosscheck(SimulationConfig(), hand_file, seed=5, grasps=8, cases=3)
+    print(figures)
+    assert figures["current_mujoco_cases"] >= 8
+    assert figures["current_mujoco_relative_difference_median"] < 0.05
+    assert figures["current_mujoco_rest_shift_m_max"] < 1e-5
+
+
+def test_the_comparison_would_notice(hand_file: HandFile, session: _core.Session) -> None:
+    """Softer tendons in one of the two: the displacements part."""
+    case = session.load(np.array([0.4, -0.5, 0.6, 0.01, 0.02, -0.01]))
+    other = CurrentGrasp(hand_file.scene, session.scene())
+    same = other.load(case["w_e"][0], 0.2, float(case["hold_time_s"][0]))
+    other.model.actuator_gainprm[:, 0] *= 0.5
+    other.model.actuator_biasprm[:, 1] *= 0.5
+    softer = other.load(case["w_e"][0], 0.2, float(case["hold_time_s"][0]))
+    size = np.linalg.norm(case["dx_ht"][0])
+    assert np.linalg.norm(same - case["dx_ht"][0]) < 0.05 * size < np.linalg.norm(softer - case["dx_ht"][0])
+
+
+def test_the_settled_grasp_is_the_same(hand_file: HandFile, session: _core.Session) -> None:
+    """Pose, contacts and contact forces, as the other version sees them."""
+    grasp = {name: rows[0] for name, rows in session.grasp().items()}
+    other = CurrentGrasp(hand_file.scene, session.scene())
+    position, rotation = other.tool_pose()
+    np.testing.assert_allclose(position, grasp["x_ht"][:3], atol=1e-9)
+    np.testing.assert_allclose(rotation, rotation_matrix(grasp["x_ht"][3:]), atol=1e-9)
+    points, forces = other.contact_forces()
+    assert len(points) == 3
+    for point, normal, size in zip(
+        grasp["contacts"][:, 1:4], grasp["contacts"][:, 4:7], grasp["contacts"][:, 7], strict=True
+    ):
+        near = int(np.argmin(np.linalg.norm(points - point, axis=1)))
+        np.testing.assert_allclose(points[near], point, atol=1e-5)
+        np.testing.assert_allclose(forces[near] @ normal, size, rtol=0.02)
+    weight = grasp["tool_mass_kg"] * grasp["gravity_m_s2"]
+    np.testing.assert_allclose(forces.sum(0) + weight, 0, atol=0.02 * np.abs(forces).max())
+
+
+def test_a_placed_grasp_is_where_it_was_put(hand_file: HandFile, session: _core.Session) -> None:
+    grasp = {name: rows[0] for name, rows in session.grasp().items()}
+    other = CurrentGrasp(hand_file.scene, session.scene())
+    dx = np.array([1e-3, -2e-3, 3e-3, 0.1, -0.2, 0.3])
+    other.place(grasp["q"], grasp["x_ht"], dx)
+    position, rotation = other.tool_pose()
+    np.testing.assert_allclose(position, grasp["x_ht"][:3] + dx[:3], atol=1e-12)
+    np.testing.assert_allclose(rotation_vector(rotation @ rotation_matrix(grasp["x_ht"][3:]).T), dx[3:], atol=1e-9)
+
+
+def test_soft_fingers_pass_on_a_moment(hand_file: HandFile, session: _core.Session) -> None:
+    other = CurrentGrasp(hand_file.scene, session.scene(), torsional_friction_m=0.003)
+    assert set(other.data.contact.dim) == {4}
+
+
+def test_missing_package_is_named(monkeypatch, hand_file: HandFile, session: _core.Session) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(SimulationError, match=r"mujoco cannot be imported.*pip install 'aminn\[mujoco\]'"):
+        CurrentGrasp(hand_file.scene, session.scene())
+
+
+def test_model_that_it_does_not_take_is_named(tmp_path: Path, session: _core.Session) -> None:
+    (tmp_path / "scene.xml").write_text("<mujoco><worldbody><body name='tool'/></worldbody></mujoco>")
+    with pytest.raises(SimulationError, match=r"scene\.xml: MuJoCo 4.* does not take this model"):
+        CurrentGrasp(tmp_path / "scene.xml", session.scene())
