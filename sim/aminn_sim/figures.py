@@ -13,6 +13,7 @@ import numpy as np
 
 from . import _core
 from .config import SimulationConfig
+from .crosscheck import crosscheck
 from .errors import SimulationError
 from .hand_file import HandFile, read_hand_file
 from .quality import dataset_figures, waiting_figures
@@ -66,7 +67,7 @@ def speed_figures(
     }
 
 
-def write_figures(path: Path, figures: dict[str, float]) -> None:
+def write_figures(path: Path, figures: dict[str, float | str]) -> None:
     """Write the report, whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(path.name + ".partial")
@@ -84,7 +85,7 @@ def main(data: Path, out: Path, grasps: int, seed: int) -> None:
     try:
         hand, threads = read_hand_file(), len(os.sched_getaffinity(0))
         simulator, config, simulated = hand.simulator(), SimulationConfig(seed=seed), read_data(data)
-        parts: dict[str, Callable[[], dict[str, float]]] = {
+        parts: dict[str, Callable[[], dict]] = {
             "speed": lambda: speed_figures(simulator, config),
             "data set": lambda: dataset_figures(simulated),
             "synergy space": lambda: synergy_figures(hand, simulator, simulated),
@@ -93,14 +94,15 @@ def main(data: Path, out: Path, grasps: int, seed: int) -> None:
                 simulated.manifest["hand"], simulated.samples, simulated.grasps
             ),
             "slackening tendons": lambda: slack_figures(simulator, config, grasps // 2, threads),
+            "current MuJoCo": lambda: crosscheck(config, hand, seed),
             "waiting longer": lambda: waiting_figures(simulator, config, threads, grasps // 2, 10),
         }
-        figures: dict[str, float] = {}
+        figures: dict[str, float | str] = {}
         for name, measure in parts.items():
             click.echo(f"{name}:")
             found = measure()
             for key, value in found.items():
-                click.echo(f"  {key:52s} {value:.4g}")
+                click.echo(f"  {key:52s} {value if isinstance(value, str) else format(value, '.4g')}")
             figures |= found
     except SimulationError as error:
         raise click.ClickException(str(error)) from error
