@@ -18,7 +18,7 @@ from .errors import SimulationError
 from .hand_file import HandFile, read_hand_file
 from .quality import dataset_figures, waiting_figures
 from .read import SimulatedData, read_data
-from .theory import Grasp, compliance_figures, dataset_errors, over_grasps, slack_figures
+from .theory import Grasp, compliance_figures, dataset_errors, over_grasps, preload_figures, slack_figures
 
 COVERAGE_CELLS = 8  # along each synergy axis
 
@@ -90,6 +90,7 @@ def main(data: Path, out: Path, grasps: int, seed: int) -> None:
             "data set": lambda: dataset_figures(simulated),
             "synergy space": lambda: synergy_figures(hand, simulator, simulated),
             "theory, small loads": lambda: compliance_figures(simulator, config, grasps, threads),
+            "theory, by pinch force": lambda: preload_figures(simulator, config, grasps // 6, threads),
             "theory, all loads": lambda: dataset_errors(
                 simulated.manifest["hand"], simulated.samples, simulated.grasps
             ),
