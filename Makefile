@@ -12,6 +12,7 @@ SEED    ?= 0
 SEEDS   ?= 5
 FUZZ_SECONDS ?= 60
 KILLS   ?= 50
+PICTURES ?= 16
 THREADS ?= $(JOBS)
 # Further arguments for pip, e.g. --extra-index-url of PyTorch's CPU-only builds.
 PIP_ARGS ?=
@@ -53,7 +54,7 @@ demo: setup-python setup-host setup-arm ## the whole path: simulate, train, comp
 	@$(PYTHON) -m aminn.demo --build $(BUILD)
 
 .PHONY: test
-test: setup-python setup-host-tests setup-arm ## lint, C tests, Python tests, and the golden vectors on the emulated Cortex-M7
+test: setup-python setup-view setup-host-tests setup-arm ## lint, C tests, Python tests, and the golden vectors on the emulated Cortex-M7
 	@$(MAKE) --no-print-directory lint
 	@mkdir -p $(BUILD)/test
 	@ctest --test-dir $(HOST) --output-on-failure --no-tests=error --parallel $(JOBS) \
@@ -72,8 +73,8 @@ lint: $(STAMPS)/venv ## ruff on the Python files, clang-format on the C and C++ 
 .PHONY: dataset
 dataset: setup-python ## simulated grasps and loads, in build/dataset (GRASPS=, CASES= a grasp, SEED=, THREADS=)
 	@$(VENV)/bin/aminn simulate --out $(BUILD)/dataset --grasps $(GRASPS) --cases $(CASES) --seed $(SEED) \
-	  --threads $(THREADS) --json $(REPORTS)/dataset.json
-	@echo "Dataset: $(BUILD)/dataset/manifest.json"
+	  --threads $(THREADS) --json $(REPORTS)/dataset.json --card
+	@echo "Dataset: $(BUILD)/dataset/manifest.json, data card: $(BUILD)/dataset/card.html"
 
 .PHONY: paper ablation
 paper: setup-python ## AMINN beside the MLP over all seeds (SEEDS=): new grasps, tool family, friction, larger loads
@@ -116,6 +117,11 @@ sim: setup-python ## the simulation judged: theory against it, labels, speed; on
 	@$(PYTHON) -m aminn_sim.figures --data $(BUILD)/dataset --out $(REPORTS)/sim.json
 	@echo "Report: $(REPORTS)/sim.json"
 
+.PHONY: gallery
+gallery: setup-python setup-view ## pictures of grasps before and after their load, from build/dataset (PICTURES=16)
+	@[ -f $(BUILD)/dataset/manifest.json ] || $(MAKE) --no-print-directory dataset
+	@$(VENV)/bin/aminn simulate --out $(BUILD)/dataset --gallery $(PICTURES)
+
 .PHONY: install
 install: setup-host ## the C library, header, CMake package and aminn_rt.pc (PREFIX=/usr/local)
 	@cmake --install $(HOST) --prefix '$(PREFIX)' >$(BUILD)/logs/install.log || { cat $(BUILD)/logs/install.log; exit 1; }
@@ -126,14 +132,15 @@ clean: ## remove build/ (data, models and reports too; .venv stays)
 	rm -rf $(BUILD)
 
 # --- set-up ---------------------------------------------------------------------------------------------------------
-.PHONY: setup setup-host setup-host-tests setup-firmware setup-arm setup-python
-setup: setup-host-tests setup-firmware setup-python ## packages, .venv and compiled parts for all of these, and nothing else
+.PHONY: setup setup-host setup-host-tests setup-firmware setup-arm setup-python setup-view
+setup: setup-host-tests setup-firmware setup-python setup-view ## packages, .venv and compiled parts for all of these, and nothing else
 	@echo "Ready: $(VENV)/bin/aminn, $(HOST), $(FIRMWARE); packages and builds are not repeated"
 setup-host: $(STAMPS)/host
 setup-host-tests: $(STAMPS)/host-tests
 setup-arm: $(STAMPS)/apt-arm
 setup-firmware: $(STAMPS)/host $(STAMPS)/firmware
 setup-python: $(STAMPS)/module
+setup-view: $(STAMPS)/apt-view
 
 $(STAMPS)/apt-%: tools/setup/apt.sh
 	@mkdir -p $(@D)

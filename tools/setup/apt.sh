@@ -17,6 +17,8 @@ packages() {
     sim) # simulation, as a Python module
       echo "libmujoco-dev"
       echo "libqhull-dev" ;; # its headers are named by MuJoCo's CMake package, which does not depend on them
+    view) # pictures without a display
+      echo "libosmesa6" ;;
     python) # interpreter of the .venv, with headers for the module
       echo "python3.11 have python3.11"
       echo "python3.11-venv tools/setup/python.sh --usable"
@@ -35,7 +37,7 @@ packages() {
       echo "clang-14 have clang-14 && have clang++-14"
       echo "libclang-rt-14-dev" ;;
     *)
-      echo "apt.sh: no group '$1' (make host sim python arm test fuzz)" >&2
+      echo "apt.sh: no group '$1' (make host sim view python arm test fuzz)" >&2
       exit 2 ;;
   esac
 }

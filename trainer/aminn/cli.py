@@ -74,7 +74,11 @@ def main() -> None:
     help="Any other number of the configuration, e.g. friction_min=0.6; may be repeated. The names are the fields of "
     "aminn_sim.SimulationConfig.",
 )
+@click.option("--gallery", type=click.IntRange(1), default=None, help="Then draw so many grasps, in DIR/gallery.")
+@click.option("--card", is_flag=True, help="Then write the data card, DIR/card.html.")
+@click.pass_context
 def simulate(
+    context: click.Context,
     out: Path,
     grasps: int,
     cases: int,
@@ -86,14 +90,26 @@ def simulate(
     json_file: Path | None,
     hand: Path | None,
     changes: tuple[str, ...],
+    gallery: int | None,
+    card: bool,
 ) -> None:
-    """Simulate grasps under load and write a labelled data set."""
-    from .pipeline import run_simulation, simulation_settings
+    """Simulate grasps under load and write a labelled data set; or, with --gallery or --card, look at a finished one.
 
-    settings: dict[str, object] = {"shard_grasps": shard_grasps, "families": families or None}
-    given = {name: value for name, value in settings.items() if value is not None} | simulation_settings(changes)
-    manifest = run_simulation(out, grasps, cases, seed, threads, engine, hand, json_file, **given)
-    click.echo(f"{manifest['n_samples']} load cases of {manifest['n_grasps']} grasps in {out}")
+    A finished data set is looked at as it is, unless an option says what else is to be simulated.
+    """
+    from .pipeline import run_card, run_gallery, run_simulation, simulation_settings
+
+    decisive = ("grasps", "cases", "seed", "shard_grasps", "families", "changes")
+    asked = any(context.get_parameter_source(name) is not click.core.ParameterSource.DEFAULT for name in decisive)
+    if asked or not (gallery or card) or not (out / "manifest.json").exists():
+        settings: dict[str, object] = {"shard_grasps": shard_grasps, "families": families or None}
+        given = {name: value for name, value in settings.items() if value is not None} | simulation_settings(changes)
+        manifest = run_simulation(out, grasps, cases, seed, threads, engine, hand, json_file, **given)
+        click.echo(f"{manifest['n_samples']} load cases of {manifest['n_grasps']} grasps in {out}")
+    if gallery:
+        click.echo(f"pictures: {run_gallery(out, gallery, hand)}")
+    if card:
+        click.echo(f"data card: {run_card(out)}")
 
 
 @main.command()

@@ -82,6 +82,28 @@ def run_simulation(
         raise AminnError(str(error)) from error
 
 
+def run_gallery(data: Path, count: int, hand: Path | None = None) -> Path:
+    """Draw `count` grasps of the data set in folder `data`; returns the page that shows them."""
+    from aminn_sim import SimulationError
+    from aminn_sim.gallery import gallery
+
+    try:
+        return gallery(data, count, hand)
+    except SimulationError as error:
+        raise AminnError(str(error)) from error
+
+
+def run_card(data: Path) -> Path:
+    """Write the data card of the data set in folder `data`; returns the page."""
+    from aminn_sim import SimulationError
+    from aminn_sim.card import data_card
+
+    try:
+        return data_card(data)
+    except SimulationError as error:
+        raise AminnError(str(error)) from error
+
+
 def run_export(run: Path, data: Path, out: Path, prefix: str = "aminn_model") -> list[str]:
     """Export the checkpoint in folder `run` to `out`, golden vectors drawn from `data`; a line for each file."""
     from aminn_export.export import export

@@ -1,0 +1,281 @@
+"""Pictures of simulated grasps before and after their load, and a page that shows them side by side.
+
+Drawn off-screen by the renderer of the `mujoco` package on OSMesa: no display and no graphics card are needed. Every
+picture is in the palm frame H, whatever the wrist does: x to the viewer, y to the right, z up along the fingers.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import jinja2
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _core
+from .config import SimulationConfig
+from .current_mujoco import CurrentGrasp, import_mujoco
+from .errors import SimulationError
+from .hand_file import HandFile, read_hand_file
+from .read import SimulatedData, read_data
+from .simulate import config_sha256
+
+Array = NDArray[np.float64]
+
+PIXELS = 480  # width and height of a picture
+LOOK_AT_M = (0.0, 0.006, 0.050)  # H
+TOOL_RGBA, TOOL_SHARE = (0.95, 0.66, 0.25, 1.0), 0.7  # contacts are seen through it
+GHOST_RGBA, GHOST_SHARE = (0.55, 0.55, 0.55, 1.0), 0.4  # where the tool was before the load
+LOAD_RGBA = (0.10, 0.35, 0.90, 1.0)
+MOMENT_RGBA = (0.55, 0.15, 0.75, 1.0)
+CONTACT_RGBA = (0.85, 0.10, 0.10, 1.0)
+LONGEST_ARROW_M = 0.06
+SKY_RGB = (0.96, 0.97, 0.98)
+FINER = 2  # rendered at so many times the resolution, against jagged edges
+HIDDEN_SHARE = 0.7  # of an arrow's colour where the hand is in front of it
+
+
+@dataclass(frozen=True)
+class Pose:
+    """What a picture shows: joint angles (8), tool position (3, m, H) and rotation (3, 3), forces on the tool in H."""
+
+    q: Array
+    position: Array
+    rotation: Array
+    contact_points: Array
+    """(n, 3) m."""
+    contact_forces: Array
+    """(n, 3) N."""
+
+
+def gallery(folder: Path, count: int, hand: Path | str | None = None) -> Path:
+    """Draw `count` grasps of the finished data set in `folder`; returns the page, folder/gallery/index.html.
+
+    Tool families come in turn, cases that hold and cases that do not alternate. Raises SimulationError where the data
+    set is of another configuration or version, and where the renderer cannot be used.
+    """
+    data, hand_file = read_data(folder), read_hand_file(hand)
+    config = SimulationConfig(**{name: value for name, value in data.manifest["config"].items()})
+    if config_sha256(config, hand_file) != data.manifest["config_sha256"]:
+        raise SimulationError(
+            f"{folder}: was simulated by another version or with another hand than {hand_file.path}; simulate it again"
+        )
+    simulator, rows = hand_file.simulator(), choose(data, count)
+    out = folder / "gallery"
+    out.mkdir(exist_ok=True)
+    for old in out.glob("*.png"):
+        old.unlink()
+    with offscreen() as screen:
+        entries = [_draw(data, config, hand_file, simulator, row, out, screen) for row in rows]
+    page = _TEMPLATE.render(entries=entries, manifest=data.manifest, version=import_mujoco().__version__)
+    (out / "index.html").write_text(page)
+    return out / "index.html"
+
+
+def choose(data: SimulatedData, count: int) -> list[int]:
+    """Rows of /samples, one a grasp: families in turn, alternately the largest stable motion and a case that fails."""
+    family, stable = data.grasps["tool_family"], data.samples["stable"] == 1
+    turn = np.argsort([np.sum(family[:i] == f) for i, f in enumerate(family)], kind="stable")
+    size = np.linalg.norm(data.samples["dx_ht"][:, :3], axis=1)
+    rows = []
+    for k, grasp in enumerate(turn[:count]):
+        mine = np.flatnonzero(data.grasp_row == grasp)
+        wanted = mine[stable[mine] == (k // len(set(family)) % 2 == 0)]
+        rows.append(int(max(wanted if len(wanted) else mine, key=lambda row: size[row] if stable[row] else -row)))
+    return rows
+
+
+def _draw(
+    data: SimulatedData,
+    config: SimulationConfig,
+    hand_file: HandFile,
+    simulator: _core.Simulator,
+    row: int,
+    out: Path,
+    screen: Screen,
+) -> dict:
+    """Two pictures of a load case, and what the page says of it."""
+    sample = {name: values[row] for name, values in data.samples.items()}
+    number = int(sample["grasp_id"])
+    shard, index = divmod(number, config.shard_grasps)
+    session = _core.Session(simulator, config.options(), config.seed, shard, index, number, config.family_indices())
+    grasp = CurrentGrasp(
+        hand_file.scene, session.scene(), hand_file.as_dict()["torsional_friction_m"], offscreen=PIXELS * FINER
+    )
+    before = _pose(grasp, sample["q"])
+    after = _loaded(grasp, sample)
+    reference = max(float(np.linalg.norm(p.contact_forces, axis=1).max(initial=0.0)) for p in (before, after))
+    reference = max(reference, float(np.linalg.norm(sample["w_e"][:3])), 1.0)
+    names = {}
+    for when, pose, ghost in (("before", before, None), ("after", after, before)):
+        names[when] = f"case-{row:06d}-{when}.png"
+        screen.draw(grasp, pose, ghost, sample, reference, out / names[when])
+    return names | _facts(data, row, sample)
+
+
+def _facts(data: SimulatedData, row: int, sample: dict) -> dict:
+    """Numbers of the page, in the units that it shows."""
+    grasp = {name: values[data.grasp_row[row]] for name, values in data.grasps.items()}
+    manifest, dx, w = data.manifest, sample["dx_ht"], sample["w_e"]
+    tendons = [tendon["name"].replace("_", " ") for tendon in manifest["hand"]["tendons"]]
+    return {
+        "grasp": int(sample["grasp_id"]),
+        "tool": manifest["tool_families"][int(grasp["tool_family"])],
+        "mass_g": 1e3 * float(grasp["tool_mass_kg"]),
+        "friction": float(grasp["friction"]),
+        "size_mm": [2e3 * float(x) for x in grasp["tool_size_m"]],
+        "stable": bool(sample["stable"]),
+        "reason": manifest["reasons"][int(sample["reason"])].replace("_", " "),
+        "force_N": float(np.linalg.norm(w[:3])),
+        "moment_Nm": float(np.linalg.norm(w[3:])),
+        "translation_mm": 1e3 * float(np.linalg.norm(dx[:3])),
+        "rotation_deg": float(np.degrees(np.linalg.norm(dx[3:]))),
+        "tensions": list(
+            zip(tendons, grasp["tendon_tension_N"].tolist(), sample["tendon_tension_after_N"].tolist(), strict=True)
+        ),
+    }
+
+
+def _pose(grasp: CurrentGrasp, q: Array) -> Pose:
+    """The present state of `grasp.data`."""
+    position, rotation = grasp.tool_pose()
+    points, forces = grasp.contact_forces()
+    return Pose(q, position, rotation, points, forces)
+
+
+def _loaded(grasp: CurrentGrasp, sample: dict) -> Pose:
+    """The state at the end of a load case, from the joint angles and the displacement that were stored."""
+    grasp.place(sample["q_after"], sample["x_ht"], sample["dx_ht"])
+    grasp.apply(sample["w_e"])
+    grasp.mujoco.mj_forward(grasp.model, grasp.data)
+    return _pose(grasp, sample["q_after"])
+
+
+class Screen:
+    """An off-screen picture of PIXELS by PIXELS. Needs a current OpenGL context."""
+
+    def __init__(self) -> None:
+        self.mujoco = import_mujoco()
+
+    def draw(
+        self, grasp: CurrentGrasp, pose: Pose, ghost: Pose | None, sample: dict, reference: float, file: Path
+    ) -> None:
+        """Write one PNG. `reference` (N) is the force whose arrow is longest; the load is shown beside a ghost."""
+        model, data = grasp.model, self.mujoco.MjData(grasp.model)
+        grasp.show(data, pose.q, pose.position, pose.rotation)
+        parts = np.flatnonzero(model.geom_bodyid == grasp.tool)
+        model.geom_rgba[parts, 3] = 0  # the hand alone; the tool is a layer of its own
+        hand, before, tool, arrows = (self._scene(model, data) for _ in range(4))
+        before.ngeom = tool.ngeom = arrows.ngeom = 0  # what stays is the light
+        self._tool(tool, model, parts, pose, TOOL_RGBA)
+        for point, force in zip(pose.contact_points, pose.contact_forces, strict=True):
+            self._arrow(arrows, point, point + LONGEST_ARROW_M * force / reference, 0.0028, CONTACT_RGBA)
+        if ghost is not None:
+            self._tool(before, model, parts, ghost, GHOST_RGBA)
+            self._load(partial(self._arrow, arrows), pose, sample, reference)
+        layers = [(hand, 1.0, 0.0), (before, GHOST_SHARE, 0.0), (tool, TOOL_SHARE, 0.0), (arrows, 1.0, HIDDEN_SHARE)]
+        _write_png(file, self._picture(model, layers))
+
+    def _scene(self, model: object, data: object) -> object:
+        scene, camera = self.mujoco.MjvScene(model, 200), self.mujoco.MjvCamera()
+        camera.lookat[:], camera.distance, camera.azimuth, camera.elevation = LOOK_AT_M, 0.29, 152, -14
+        scene.flags[self.mujoco.mjtRndFlag.mjRND_SHADOW] = False
+        everything = self.mujoco.mjtCatBit.mjCAT_ALL
+        self.mujoco.mjv_updateScene(model, data, self.mujoco.MjvOption(), None, camera, everything, scene)
+        return scene
+
+    def _picture(self, model: object, layers: list[tuple[object, float, float]]) -> NDArray[np.uint8]:
+        """Layers on a light ground, each with its share of the colour where it is in front, and where behind."""
+        context = self.mujoco.MjrContext(model, self.mujoco.mjtFontScale.mjFONTSCALE_100)
+        self.mujoco.mjr_setBuffer(self.mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
+        n = PIXELS * FINER
+        picture, solid = np.tile(255.0 * np.array(SKY_RGB), (n, n, 1)), np.ones((n, n))
+        for k, (scene, in_front, behind) in enumerate(layers):
+            colours, depths = self._render(context, scene)
+            share = np.where(depths < 1, np.where(depths <= solid, in_front, behind), 0.0)[..., None]
+            picture = share * colours + (1 - share) * picture
+            solid = depths if k == 0 else solid
+        context.free()
+        small = picture.reshape(PIXELS, FINER, PIXELS, FINER, 3).mean((1, 3))
+        return small[::-1].round().astype(np.uint8)
+
+    def _render(self, context: object, scene: object) -> tuple[Array, Array]:
+        """Colours (n, n, 3; 0 to 255) and depths (n, n; 1 is the background), bottom row first."""
+        n = PIXELS * FINER
+        colours, depths, area = (
+            np.zeros((n, n, 3), np.uint8),
+            np.zeros((n, n), np.float32),
+            self.mujoco.MjrRect(0, 0, n, n),
+        )
+        self.mujoco.mjr_render(area, scene, context)
+        self.mujoco.mjr_readPixels(colours, depths, area, context)
+        return colours.astype(float), depths
+
+    def _load(self, arrow: partial, pose: Pose, sample: dict, reference: float) -> None:
+        """The load's force where it acts, its moment beyond that of this force about the tool's origin."""
+        force, moment = sample["w_e"][:3], sample["w_e"][3:]
+        arm = sample["load_point_m"] - sample["x_ht"][:3]
+        if np.linalg.norm(force) > 0:
+            length = LONGEST_ARROW_M * max(0.25, float(np.linalg.norm(force)) / reference)
+            tail = pose.position + arm
+            arrow(tail, tail + length * force / np.linalg.norm(force), 0.0038, LOAD_RGBA)
+        rest = moment - np.cross(arm, force)
+        if np.linalg.norm(rest) > 1e-6:
+            half = 0.6 * LONGEST_ARROW_M * rest / np.linalg.norm(rest)
+            arrow(pose.position - half, pose.position + half, 0.0028, MOMENT_RGBA)
+
+    def _geom(self, scene: object, kind: object, size: Array, pos: Array, rotation: Array, rgba: tuple) -> object:
+        geom = scene.geoms[scene.ngeom]
+        self.mujoco.mjv_initGeom(geom, kind, size, pos, rotation.ravel(), np.array(rgba, np.float32))
+        scene.ngeom += 1
+        return geom
+
+    def _arrow(self, scene: object, start: Array, end: Array, width: float, rgba: tuple) -> None:
+        kind = self.mujoco.mjtGeom.mjGEOM_ARROW
+        geom = self._geom(scene, kind, np.zeros(3), np.zeros(3), np.eye(3), rgba)
+        self.mujoco.mjv_connector(geom, kind, width, start, end)
+
+    def _tool(self, scene: object, model: object, parts: Array, pose: Pose, rgba: tuple) -> None:
+        for g in parts:
+            local = np.zeros(9)
+            self.mujoco.mju_quat2Mat(local, model.geom_quat[g])
+            rotation = pose.rotation @ local.reshape(3, 3)
+            position = pose.position + pose.rotation @ model.geom_pos[g]
+            kind = self.mujoco.mjtGeom(int(model.geom_type[g]))
+            self._geom(scene, kind, model.geom_size[g], position, rotation, rgba)
+
+
+def _write_png(file: Path, pixels: NDArray[np.uint8]) -> None:
+    """Also without a word about the program that wrote it: equal pictures are equal bytes."""
+    from PIL import Image  # comes with matplotlib
+
+    Image.fromarray(pixels).save(file, optimize=True)
+
+
+@contextmanager
+def offscreen() -> Iterator[Screen]:
+    """An OpenGL context without a display. Raises SimulationError with the Debian package to install."""
+    import_mujoco()
+    os.environ["MUJOCO_GL"] = "osmesa"  # where the engine looks its OpenGL functions up
+    try:
+        context = importlib.import_module("mujoco.osmesa").GLContext(PIXELS * FINER, PIXELS * FINER)
+        context.make_current()
+    except (ImportError, AttributeError, RuntimeError) as error:
+        raise SimulationError(
+            f"pictures: no off-screen OpenGL ({error}); install Debian's libosmesa6 (apt-get install libosmesa6)"
+        ) from error
+    try:
+        yield Screen()
+    finally:
+        context.free()
+
+
+_TEMPLATE = jinja2.Environment(
+    loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True, lstrip_blocks=True
+).get_template("gallery.html.j2")
