@@ -41,6 +41,8 @@ class Crash:
     grasps: int = GRASPS
     shard_grasps: int = SHARD_GRASPS
     cases: int = CASES
+    directly: bool = False
+    """Call the function instead of the program, which takes longer to start."""
     figures: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -59,22 +61,26 @@ class Crash:
 
     def start(self, folder: Path, engine: str = "threads") -> subprocess.Popen:
         """The program, on its way."""
-        words = f"simulate --engine {engine} --threads 2 --seed 3 --grasps {self.grasps} --cases {self.cases}"
-        command = [sys.executable, "-m", "aminn.cli", *words.split(), f"--shard-grasps={self.shard_grasps}"]
+        settings = {"seed": 3, "grasps": self.grasps, "cases": self.cases, "shard_grasps": self.shard_grasps}
+        if self.directly:
+            code = f"from aminn_sim import *; simulate(SimulationConfig(**{settings}), {str(folder)!r}, 2, False)"
+            command = ["-c", code]
+        else:
+            options = [f"--{name.replace('_', '-')}={value}" for name, value in settings.items()]
+            command = ["-m", "aminn.cli", "simulate", "--engine", engine, "--threads=2", *options, "--out", str(folder)]
+        environment = os.environ | {MARK: self.mark}
         with (self.scratch / "log").open("a") as log:
-            return subprocess.Popen(
-                [*command, "--out", str(folder)], env=os.environ | {MARK: self.mark}, stdout=log, stderr=log
-            )
+            return subprocess.Popen([sys.executable, *command], env=environment, stdout=log, stderr=log)
 
     def kill(self, engine: str = "threads", while_writing: bool = False) -> None:
         """Go on with the data set, end the program at a random moment, look at what is left."""
         shards = len(self.whole) - 1
         process = self.start(self.folder, engine)
-        until = time.monotonic() + self.random.uniform(0, 3 * self.seconds / shards)
+        until = time.monotonic() + self.random.uniform(0, 2.5 * self.seconds / shards)
         while process.poll() is None and time.monotonic() < until:
             time.sleep(0.001)
         while while_writing and process.poll() is None and not list(self.folder.glob("*.partial")):
-            pass
+            time.sleep(0.0002)
         process.send_signal(signal.SIGKILL)
         status = process.wait()
         self.end_strays()
