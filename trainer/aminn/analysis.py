@@ -15,7 +15,7 @@ from .dataset import Dataset
 from .dims import LENGTH_SCALE_M, N_JOINT
 from .evaluate import Prediction, figures_of, learned
 from .metrics import auroc, pose_error, pose_size
-from .nominal import gated_tendons, nominal_from_hand
+from .nominal import nominal_from_hand
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -25,8 +25,6 @@ DIRECTIONS = ("force_x", "force_y", "force_z", "moment_x", "moment_y", "moment_z
 BREAKDOWN_FIGURES = (
     "f1", "rmse_pose_all", "relative_error_median_all", "relative_error_p90_all", "ece", "passivity_violation_full"
 )  # fmt: skip
-TAUT_N = 1e-3
-"""Tendon tension above which a tendon counts as taut."""
 NOISE_FACTORS = (0.5, 1.0, 2.0)
 SMALL_LOADS = 0.1
 """Share of the load cases that counts as the small-load regime."""
@@ -35,11 +33,6 @@ SMALL_LOADS = 0.1
 def load_size(w_e: Array) -> Array:
     """Size (n) of loads (n, 6) in N, moments divided by 0.1 m."""
     return np.hypot(np.linalg.norm(w_e[:, :3], axis=1), np.linalg.norm(w_e[:, 3:], axis=1) / LENGTH_SCALE_M)
-
-
-def gated_tension(data: Dataset) -> Array:
-    """Tension (n, 3) under load, N, of the tendon that each branch's gate stands for."""
-    return data.samples["tendon_tension_after_N"][:, gated_tendons(data.manifest["hand"])]
 
 
 def groups(data: Dataset) -> Iterator[tuple[str, Mask]]:
@@ -54,7 +47,7 @@ def groups(data: Dataset) -> Iterator[tuple[str, Mask]]:
     family = data.grasps["tool_family"][data.grasp_rows()]
     for k, name in enumerate(data.manifest["tool_families"]):
         yield f"tool_{name}", family == k
-    slack = (gated_tension(data) <= TAUT_N).sum(1)
+    slack = (~data.taut()).sum(1)
     yield from (("tendons_taut", slack == 0), ("tendons_slack_1", slack == 1), ("tendons_slack_more", slack > 1))
 
 
@@ -93,7 +86,7 @@ def gate_figures(prediction: Prediction, data: Dataset) -> dict[str, float]:
     if prediction.gate is None:
         return {}
     stable = data.samples["stable"] > 0
-    taut, gate = gated_tension(data)[stable] > TAUT_N, prediction.gate[stable]
+    taut, gate = data.taut()[stable], prediction.gate[stable]
     return {
         "gate_auroc": auroc(gate.ravel(), taut.ravel()),
         "gate_taut_share": float(taut.mean()),

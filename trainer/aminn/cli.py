@@ -13,6 +13,7 @@ from .errors import AminnError
 FOLDER = click.Path(path_type=Path, file_okay=False)
 EXISTING = click.Path(path_type=Path, file_okay=False, exists=True)
 FILE_OR_FOLDER = click.Path(path_type=Path, exists=True)
+READABLE = click.Path(path_type=Path, exists=True, dir_okay=False)
 NEW_FILE = click.Path(path_type=Path, dir_okay=False)
 
 
@@ -46,7 +47,10 @@ class Commands(Messages, click.Group):
 @click.group(cls=Commands)
 @click.version_option(__version__)
 def main() -> None:
-    """Predict how a robot hand's grasp gives way under load: simulate, train, evaluate, export, verify, report."""
+    """Predict how a robot hand's grasp gives way under load.
+
+    Simulate, train, evaluate, explain, export, verify, report.
+    """
 
 
 @main.command()
@@ -112,21 +116,78 @@ def simulate(
         click.echo(f"data card: {run_card(out)}")
 
 
+def _print_config(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
+    if wanted and not ctx.resilient_parsing:
+        from .config import as_toml, load_config
+
+        click.echo(as_toml(load_config()))
+        ctx.exit()
+
+
 @main.command()
 @click.option("--data", type=EXISTING, required=True, help="Folder that `aminn simulate` wrote.")
 @click.option("--out", type=FOLDER, required=True, help="Folder of the checkpoint; an unfinished run is gone on with.")
-@click.option("--model", "kind", type=click.Choice(["aminn", "mlp"]), default="aminn", show_default=True)
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
-@click.option("--epochs", type=click.IntRange(1), default=None, help="Passes over the data, each stage.")
-def train(data: Path, out: Path, kind: str, seed: int, epochs: int | None) -> None:
-    """Train AMINN or the MLP baseline."""
+@click.option("--model", "kind", type=click.Choice(["aminn", "mlp"]), default=None, help="Model.  [default: aminn]")
+@click.option("--seed", type=click.IntRange(0), default=None, help="Weights and order of samples.  [default: 0]")
+@click.option("--epochs", type=click.IntRange(1), default=None, help="Passes over the data, each stage.  [default: 60]")
+@click.option("--config", "file", type=READABLE, default=None, help="TOML file of settings.")
+@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="One setting; may be repeated.")
+@click.option(
+    "--print-config",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_print_config,
+    help="Print every setting with its meaning and default, as a TOML file, and stop.",
+)
+@click.option("--tensorboard/--no-tensorboard", default=True, show_default=True, help="Curves in OUT/tensorboard.")
+def train(
+    data: Path,
+    out: Path,
+    kind: str | None,
+    seed: int | None,
+    epochs: int | None,
+    file: Path | None,
+    overrides: tuple[str, ...],
+    tensorboard: bool,
+) -> None:
+    """Train AMINN or the MLP baseline.
+
+    Stage 1 learns on every load case of the training grasps whether the grasp holds; stage 2 learns on the stable ones
+    how far the tool moves. Of each stage the weights of the epoch with the least validation loss are kept, then the
+    threshold tau on p_stable is chosen on validation data. Test grasps are never read.
+
+    \b
+    A first run, watched in a browser (tensorboard --logdir runs):
+      aminn train --data data --out runs/first
+    The black box beside it, same schedule and size:
+      aminn train --data data --out runs/mlp --model mlp
+    Other settings, one by one or from a file:
+      aminn train --data data --out runs/wide --set model.width=96 --set loss.relative=0.05
+      aminn train --print-config > mine.toml
+      aminn train --data data --out runs/mine --config mine.toml --seed 3
+
+    Settings come from the defaults, then the file, then the options, then --set; later ones win. One table
+    model.mechanics stands for both stages.
+
+    Interrupt or kill it at will: the same command goes on from the last finished epoch and ends in the same bytes. A
+    folder that holds a run of other settings or data is refused, and the message names what differs. A loss that
+    diverges ends the run with step and term, and leaves the last good state.
+
+    OUT holds in the end model.safetensors (weights), model.json (settings, history, tau, operating curve), card.md
+    (what it is, figures, limits) and tensorboard/.
+    """
+    from .config import load_config
     from .dataset import load_dataset
-    from .train import TrainConfig
     from .train import train as run
 
-    settings = {"kind": kind, "seed": seed} | ({"epochs": epochs} if epochs else {})
-    checkpoint = run(TrainConfig(**settings), load_dataset(data), out)
-    click.echo(f"{kind}: {checkpoint.meta['n_parameters']} parameters, tau {checkpoint.meta['tau']:.4f}, in {out}")
+    config = load_config(file, overrides, kind=kind, seed=seed, epochs=epochs)
+    checkpoint = run(config, load_dataset(data), out, tensorboard=tensorboard)
+    meta = checkpoint.meta
+    click.echo(
+        f"{config.kind}: {meta['n_parameters']} parameters, tau {meta['tau']:.4f}, "
+        f"F1 {meta['validation']['f1']:.3f} on validation grasps, in {out}"
+    )
 
 
 @main.command()
@@ -208,6 +269,32 @@ def report(data: Path, runs: tuple[Path, ...], verification: Path | None, out: P
     differences = read_verification(verification) if verification else {}
     run_report(run(checkpoints, load_dataset(data)), checkpoints, differences, out)
     click.echo(f"report: {out}")
+
+
+@main.command()
+@click.option("--run", "checkpoint", type=EXISTING, required=True, help="Folder of an AMINN checkpoint.")
+@click.option("--data", type=EXISTING, required=True, help="Data set that the sample is taken from.")
+@click.option("--sample", type=click.IntRange(0), required=True, help="Number of the load case in the data set.")
+@click.option("--out", type=NEW_FILE, default=None, help="Write the picture here (.png, .svg or .pdf).")
+@click.option("--json", "json_file", type=NEW_FILE, default=None, help="Write the numbers here.")
+def explain(checkpoint: Path, data: Path, sample: int, out: Path | None, json_file: Path | None) -> None:
+    """Say what the mechanics layer makes of one load case.
+
+    Springs, tendon directions and engagement of each finger, the stiffness K_x with its principal compliances and their
+    directions, and the predicted motion beside the simulated one; as text, and as a picture over the hand.
+    """
+    from .checkpoint import load_checkpoint, write_json
+    from .dataset import load_dataset
+    from .explain import as_text, draw, explain_sample
+
+    found = explain_sample(load_checkpoint(checkpoint), load_dataset(data), sample)
+    click.echo(as_text(found))
+    if json_file:
+        write_json(json_file, found.flat())
+        click.echo(f"numbers: {json_file}")
+    if out:
+        draw(found, out)
+        click.echo(f"picture: {out}")
 
 
 if __name__ == "__main__":

@@ -109,6 +109,8 @@ class LossWeights:
     """Exponent of the error: 1 trains on its norm, 2 on its square."""
     gate: NonNegativeFloat = 1e-4
     """On mean g (1 - g): gates that are open or shut."""
+    engagement: NonNegativeFloat = 1e-3
+    """On the cross-entropy between gates and the simulated tendons, taut or slack."""
     tendon: NonNegativeFloat = 1e-5
     """On mean K_tendon^2, (N.m/rad)^2: no more tendon stiffness than the data asks for."""
 

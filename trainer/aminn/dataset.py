@@ -18,9 +18,12 @@ from numpy.typing import NDArray
 
 from .dims import INPUT_SHAPES, N_JOINT, N_TENDON, N_WRENCH
 from .errors import AminnError
+from .nominal import gated_tendons
 
 SCHEMA_VERSION = 2
 MANIFEST_KEYS = ("config_sha256", "shards", "hand", "n_samples", "n_grasps")
+TAUT_N = 1e-3
+"""Tension above which a tendon counts as taut."""
 SPLITS = ("train", "validation", "test")
 SPLIT_FRACTIONS = (0.70, 0.15, 0.15)
 
@@ -72,6 +75,10 @@ class Dataset:
             raise AminnError(f"split {name!r} is unknown; there are {', '.join(SPLITS)}")
         ids = self.samples["grasp_id"]
         return self.take((split_of(ids) == SPLITS.index(name)) & (_draws(b"share %d", ids) < fraction))
+
+    def taut(self) -> NDArray[np.bool_]:
+        """Whether the tendon that each branch's gate stands for is taut under load: (n, 3)."""
+        return self.samples["tendon_tension_after_N"][:, gated_tendons(self.manifest["hand"])] > TAUT_N
 
     def grasp_rows(self) -> NDArray[np.int64]:
         """For each sample, the row of its grasp in `grasps`."""

@@ -190,14 +190,14 @@ def _draw_ghost(ax: Axes3D, picture: GraspPicture) -> None:
     ax.add_collection3d(edges)
 
 
-def _draw_load(ax: Axes3D, picture: GraspPicture, pose: Array) -> None:
+def _draw_load(ax: Axes3D, w_e: Array, tool_size_m: Array, pose: Array) -> None:
     """The force as an arrow that leaves the tool where its line through the tool's origin does."""
-    force = np.asarray(picture.w_e[:3], float)
+    force = np.asarray(w_e[:3], float)
     size = float(np.linalg.norm(force))
     if size == 0:
         return
     along = rotation_matrix(pose[3:]).T @ force / size
-    depth = float((np.asarray(picture.tool_size_m) / np.maximum(np.abs(along), 1e-9)).min())
+    depth = float((np.asarray(tool_size_m) / np.maximum(np.abs(along), 1e-9)).min())
     start, vector = 1e3 * (pose[:3] + (depth + 0.002) * force / size), 1e3 * ARROW_M * force / size
     ax.quiver(*start, *vector, color=LOAD_COLOUR, linewidth=2.2, arrow_length_ratio=0.3)
     a = math.radians(_azimuth(force))
@@ -255,6 +255,18 @@ def _caption(picture: GraspPicture, factor: int) -> str:
     return text + (f" The motion is drawn {factor} times as large." if factor > 1 else "")
 
 
+def draw_scene(
+    ax: Axes3D, hand: Mapping, q: Array, x_ht: Array, tool_family: str, tool_size_m: Array, w_e: Array, title: str
+) -> None:
+    """One state of a grasp with the load: hand, see-through tool, force."""
+    faces = _placed(tool_faces(tool_family, tool_size_m), x_ht)
+    _draw_hand(ax, hand, q)
+    _draw_solid(ax, faces, TOOL_COLOUR, 0.35)
+    _draw_load(ax, w_e, tool_size_m, x_ht)
+    reach = [branch_points(hand, b, q) for b in range(len(BRANCH_COLOURS))]
+    _frame(ax, np.concatenate([*reach, *faces]), title, _azimuth(np.asarray(w_e[:3])))
+
+
 def draw_grasp(picture: GraspPicture) -> tuple[Figure, str]:
     """(figure, caption): the grasp before the load and under it."""
     factor = magnification(picture.dx_ht)
@@ -275,6 +287,6 @@ def draw_grasp(picture: GraspPicture) -> tuple[Figure, str]:
         _draw_solid(ax, _placed(tool_faces(picture.tool_family, half), pose), TOOL_COLOUR, 0.8)
         if k == 1:
             _draw_ghost(ax, picture)
-            _draw_load(ax, picture, pose)
+            _draw_load(ax, picture.w_e, half, pose)
         _frame(ax, points, title, _azimuth(np.asarray(picture.w_e[:3])))
     return figure, _caption(picture, factor)

@@ -41,11 +41,19 @@ def pose_terms(pred: Tensor, true: Tensor, weights: LossWeights) -> dict[str, Te
     }
 
 
-def structural_terms(springs: Springs, response: Response, weights: LossWeights) -> dict[str, Tensor]:
-    """The paper's regularisers: decided gates and little tendon stiffness.
+def structural_terms(
+    springs: Springs, response: Response, taut: Tensor, weights: LossWeights
+) -> dict[str, Tensor]:
+    """The paper's regularisers, decided gates and little tendon stiffness, and gates that agree with `taut` (N, 3).
 
     The mean of K_tendon^2 follows from gains and gates alone, since |d| = 1.
     """
+    sure = response.gate.clamp(1e-6, 1 - 1e-6)
+    engagement = torch.nn.functional.binary_cross_entropy(sure, taut)
     gate = (response.gate * (1 - response.gate)).mean()
     tendon = ((springs.tendon_gain * response.gate) ** 2).mean() / N_COORD**2
-    return {"gate": weights.gate * gate, "tendon": weights.tendon * tendon}
+    return {
+        "gate": weights.gate * gate,
+        "engagement": weights.engagement * engagement,
+        "tendon": weights.tendon * tendon,
+    }

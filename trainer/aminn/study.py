@@ -1,104 +1,183 @@
-"""Studies over seeds: AMINN beside the baseline, also off the training distribution (`make paper`), and choices of the
-mechanics (`make ablation`).
+"""Studies over seeds on one data set: AMINN beside the baseline with a learning curve (`make paper`), and choices of
+the model and its training (`make ablation`).
 
-A study trains each of its variants with each seed, on one thread a run, and reports mean and spread over the seeds.
-Finished data sets and runs are kept: an interrupted study goes on where it stopped.
+Both learn from the same part of the data set (`REGIMES["iid"]`): known tool families, moderate friction and loads. The
+rest is what nobody has seen: another family, more friction, larger loads. A run is trained on one thread, runs stand
+side by side. Finished runs and their figures are kept, and the report is written anew after each: a study that is cut
+goes on where it stopped, and what it has is a whole table of fewer seeds.
 """
 
 from __future__ import annotations
 
+import json
 import multiprocessing
 import os
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
-from functools import partial
+import time
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 
 import click
 import numpy as np
+from numpy.typing import NDArray
 
-from .checkpoint import write_json
+from .analysis import breakdown, compliance_figures, gate_figures, noise_figures, squared_error_shares
+from .checkpoint import Checkpoint, write_json
 from .cli import Messages
+from .config import MechanicsConfig, TrainConfig
 from .dataset import Dataset, load_dataset
-from .evaluate import compare, format_columns, label_figures
-from .mechanics import MechanicsConfig
-from .metrics import COLUMNS
-from .pipeline import anew_if_outdated, run_simulation
-from .train import TrainConfig, train
+from .errors import AminnError
+from .evaluate import analytical, figures_of, label_figures, learned, no_motion
+from .paper_table import write_tables
+from .pipeline import anew_if_outdated
+from .train import identity_of, train
 
 Figures = dict[str, float]
+# To be raised with every change of the figures, so that those of kept runs are taken again.
+FIGURES_VERSION = 1
 BASE = TrainConfig()
+FRACTIONS = (1.0, 0.1, 0.03, 0.3, 0.01)
+"""Shares of the training grasps, in the order in which they are trained."""
+ABLATION_FRACTION = 0.3
 
-# Grasps and settings of each data set: the first is trained on and tested on its own test grasps, the others are tests.
-DATA: dict[str, tuple[int, dict]] = {
-    "iid": (1000, {"families": ("handle", "block")}),
-    "new_family": (120, {"families": ("ball",)}),
-    "new_friction": (120, {"families": ("handle", "block"), "friction_min": 1.0, "friction_max": 1.4}),
-    "larger_loads": (
-        120,
-        {"families": ("handle", "block"), "force_max_N": 26.0, "moment_max_Nm": 0.5, "load_decades": 0.5},
-    ),
+NEW_FAMILY = "ellipsoid"
+FRICTION_MAX, FORCE_MAX_N, MOMENT_MAX_NM = 0.95, 10.0, 0.25
+SELECTION = (
+    f"family not {NEW_FAMILY}, friction <= {FRICTION_MAX}, force <= {FORCE_MAX_N} N, moment <= {MOMENT_MAX_NM} N.m"
+)
+REGIMES = ("iid", "new_family", "new_friction", "larger_loads")
+
+
+def regimes(data: Dataset) -> dict[str, NDArray[np.bool_]]:
+    """Masks over the samples: what is trained on, and what differs from it in one respect."""
+    rows, w = data.grasp_rows(), data.samples["w_e"]
+    families = data.manifest["tool_families"]
+    if NEW_FAMILY not in families:
+        raise AminnError(f"the data set has no {NEW_FAMILY} among its tools ({', '.join(families)}): make dataset anew")
+    family = data.grasps["tool_family"][rows] != families.index(NEW_FAMILY)
+    friction = data.grasps["friction"][rows] <= FRICTION_MAX
+    load = (np.linalg.norm(w[:, :3], axis=1) <= FORCE_MAX_N) & (np.linalg.norm(w[:, 3:], axis=1) <= MOMENT_MAX_NM)
+    masks = (family & friction & load, ~family & friction & load, family & ~friction & load, family & friction & ~load)
+    return dict(zip(REGIMES, masks, strict=True))
+
+
+def known(data: Dataset) -> Dataset:
+    """The part that is trained, validated and (on test grasps) tested on."""
+    return data.where(regimes(data)["iid"], SELECTION)
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run of a study."""
+
+    variant: str
+    config: TrainConfig
+
+    @property
+    def name(self) -> str:
+        return f"{self.variant}-{100 * self.config.train_fraction:g}pc-{self.config.seed}"
+
+
+def _mechanics(**changes: float | str | bool) -> TrainConfig:
+    return replace(BASE, model=replace(BASE.model, mechanics=(MechanicsConfig(**changes),) * 2))
+
+
+def _model(**changes: object) -> TrainConfig:
+    return replace(BASE, model=replace(BASE.model, **changes))
+
+
+def _loss(**changes: float) -> TrainConfig:
+    return replace(BASE, loss=replace(BASE.loss, **changes))
+
+
+ABLATIONS: dict[str, TrainConfig] = {
+    "shipped": BASE,
+    "mlp": replace(BASE, kind="mlp"),
+    "dq0_inverse": _mechanics(dq0="inverse"),
+    "eps_m_1e-4": _mechanics(eps_m=1e-4),
+    "eps_m_1e-6": _mechanics(eps_m=1e-6),
+    "eps_m_learned": _mechanics(learn_eps_m=True),
+    "width_32": _model(width=32, contact_width=16),
+    "width_128": _model(width=128, contact_width=64),
+    "mlp_width_128": replace(_model(width=128, contact_width=64), kind="mlp"),
+    "heads_blind_to_wrench": _model(heads_see_wrench=False),
+    "heads_free": _model(heads="free"),
+    "soft_finger": _model(soft_finger=True),
+    "slip": _model(slip=True),
+    "loss_norm": _loss(relative=1e9),
+    "loss_square": _loss(relative=1e9, power=2.0),
+    "no_engagement": _loss(engagement=0.0),
+    "no_weight_decay": replace(BASE, weight_decay=0.0),
+    "mlp_loss_norm": replace(_loss(relative=1e9), kind="mlp"),
+    "mlp_no_weight_decay": replace(BASE, kind="mlp", weight_decay=0.0),
 }
-CASES = 16
+"""Choices of the issue, each alone against what is shipped; the MLP gets those that concern it."""
 
 
-def _mechanics(**changes: float | str) -> TrainConfig:
-    both = (MechanicsConfig(**changes),) * 2
-    return replace(BASE, model=replace(BASE.model, mechanics=both))
+def paper_jobs(seeds: int) -> Iterator[Job]:
+    """Seed by seed, each time the whole training set first; a small share gets more epochs, for enough steps."""
+    for seed in range(seeds):
+        for fraction in FRACTIONS:
+            epochs = round(BASE.epochs / fraction**0.5)
+            for kind in ("aminn", "mlp"):
+                yield Job(kind, replace(BASE, kind=kind, seed=seed, train_fraction=fraction, epochs=epochs))
 
 
-STUDIES: dict[str, dict[str, TrainConfig]] = {
-    "paper": {"aminn": BASE, "mlp": replace(BASE, kind="mlp")},
-    "ablation": {
-        "shipped": BASE,
-        "dq0_inverse": _mechanics(dq0="inverse"),
-        "eps_m_1e-4": _mechanics(eps_m=1e-4),
-        "eps_m_1e-6": _mechanics(eps_m=1e-6),
-        "absolute_loss": replace(BASE, loss=replace(BASE.loss, relative=1e9)),
-        "no_weight_decay": replace(BASE, weight_decay=0.0),
-    },
-}
-"""Study -> variant -> configuration; the seed is filled in."""
-SPLITS = {"paper": "test", "ablation": "validation"}
-"""Which grasps of the first data set a study is judged on: a choice is never made on test grasps."""
+def ablation_jobs(seeds: int) -> Iterator[Job]:
+    for seed in range(seeds):
+        for variant, config in ABLATIONS.items():
+            yield Job(variant, replace(config, seed=seed, train_fraction=ABLATION_FRACTION))
 
 
-def _simulate(folder: Path, names: list[str], seed: int) -> dict[str, Dataset]:
-    for k, name in enumerate(names):
-        grasps, settings = DATA[name]
-        out = folder / "data" / name
-        anew_if_outdated(out, partial(run_simulation, out, grasps, CASES, seed + k, **settings))
-    return {name: load_dataset(folder / "data" / name) for name in names}
+JOBS = {"paper": paper_jobs, "ablation": ablation_jobs}
 
 
-def _run(
-    variant: str, config: TrainConfig, folder: Path, names: list[str], split: str, position: int
-) -> dict[str, dict[str, Figures]]:
-    """Train one run and test it: data set -> row of the table -> figures."""
-    data = {name: load_dataset(folder / "data" / name) for name in names}
-    out = folder / "runs" / f"{variant}-{config.seed}"
-    checkpoint = anew_if_outdated(out, lambda: train(config, data["iid"], out, bar_position=position))
-    validation = data["iid"].split("validation")
-    results = {}
-    for name, dataset in data.items():
-        part = dataset.split(split) if name == "iid" else dataset
-        table = compare([checkpoint], part, validation, name).table
-        results[name] = {
-            variant: table[config.kind],
-            "analytical": table["analytical"],
-            "no_motion": table["no_motion"],
-        }
-    return results
+@cache
+def _data(path: Path) -> Dataset:
+    return load_dataset(path)
 
 
-def _gather(runs: list[dict[str, dict[str, Figures]]], name: str) -> dict[str, dict[str, list[float]]]:
-    """Row -> figure -> values over the runs, for data set `name`."""
-    rows: dict[str, dict[str, list[float]]] = {}
-    for run in runs:
-        for row, figures in run[name].items():
-            for key, value in figures.items():
-                rows.setdefault(row, {}).setdefault(key, []).append(value)
-    return rows
+def _tests(data: Dataset, study: str, fraction: float) -> dict[str, Dataset]:
+    """Where a run is judged. The one place that reads test grasps, and for `paper` alone."""
+    if study != "paper":
+        return {"iid": known(data).split("validation")}
+    names = REGIMES if fraction == 1.0 else REGIMES[:1]
+    return {name: data.where(mask, name).split("test") for name, mask in regimes(data).items() if name in names}
+
+
+def figures_on(checkpoint: Checkpoint, name: str, data: Dataset, deep: bool) -> Figures:
+    """All figures of a run on one test set; `deep`: with the breakdowns."""
+    prediction = learned(checkpoint, data, name)
+    figures = figures_of(prediction, data) | gate_figures(prediction, data)
+    if deep:
+        figures |= breakdown(prediction, data) | squared_error_shares(prediction, data)
+        figures |= compliance_figures(prediction, data) | noise_figures(checkpoint, data)
+    return figures
+
+
+def _run(study: str, job: Job, folder: Path, path: Path, position: int) -> dict[str, Figures]:
+    """Train one run and judge it, or read what an earlier call found: test set -> figures."""
+    data = _data(path)
+    part = known(data)
+    identity = identity_of(job.config, part.sha256) | {"figures_version": FIGURES_VERSION}
+    kept = folder / "figures" / f"{job.name}.json"
+    if kept.is_file():
+        found = json.loads(kept.read_text())
+        if found["identity"] == identity:
+            return found["figures"]
+    out = folder / "runs" / job.name
+    start = time.process_time()
+    checkpoint = anew_if_outdated(out, lambda: train(job.config, part, out, bar_position=position))
+    seconds = time.process_time() - start
+    tests = _tests(data, study, job.config.train_fraction)
+    deep = study == "paper" and job.config.train_fraction == 1.0
+    figures = {name: figures_on(checkpoint, name, test, deep and name == "iid") for name, test in tests.items()}
+    figures["iid"] |= {"seconds": seconds, "n_parameters": checkpoint.meta["n_parameters"]}
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    write_json(kept, {"identity": identity, "figures": figures})
+    return figures
 
 
 def spread(values: list[float]) -> float:
@@ -106,52 +185,74 @@ def spread(values: list[float]) -> float:
     return float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
 
 
-def _format(rows: dict[str, dict[str, list[float]]]) -> str:
-    cells = [
-        ["mean ± standard", *(c.title for c in COLUMNS.values())],
-        ["deviation", *(c.unit for c in COLUMNS.values())],
-    ]
-    for row, figures in rows.items():
-        values = (
-            c.form.format(np.mean(figures[k])) + " ± " + c.form.format(spread(figures[k])) for k, c in COLUMNS.items()
-        )
-        cells.append([row, *values])
-    return format_columns(cells)
+def gather(rows: list[Figures]) -> Figures:
+    """`<figure>_mean` and `<figure>_sd` over runs; a figure that a run has not counts as missing."""
+    found: Figures = {}
+    for key in rows[0]:
+        values = [row[key] for row in rows if row.get(key) is not None and np.isfinite(row[key])]
+        if values:
+            found |= {f"{key}_mean": float(np.mean(values)), f"{key}_sd": spread(values)}
+    return found
+
+
+def _still(data: Dataset) -> dict[str, float | int | str]:
+    """What no seed changes: size and labels of the test sets, the analytical model and no motion on them."""
+    report: dict[str, float | int | str] = {"trained_on": SELECTION}
+    validation = known(data).split("validation")
+    train_part = known(data).split("train")
+    report |= {"train_n_samples": len(train_part), "train_n_grasps": len(np.unique(train_part.samples["grasp_id"]))}
+    report["dataset_n_samples"] = len(data)
+    for name, test in _tests(data, "paper", 1.0).items():
+        report |= {f"{name}_label_{key}": value for key, value in label_figures(test).items()}
+        for prediction in (analytical(test, validation), no_motion(test)):
+            row = figures_of(prediction, test)
+            report |= {f"{name}_{prediction.name}_{key}": value for key, value in row.items()}
+    return report
+
+
+def summarise(study: str, done: dict[Job, dict[str, Figures]], still: dict) -> dict:
+    """The report: figures of every variant by test set and share of the training grasps, as flat keys."""
+    groups: dict[str, list[Figures]] = {}
+    seeds: dict[str, set[int]] = {}
+    for job, tests in done.items():
+        fraction = job.config.train_fraction
+        for name, figures in tests.items():
+            full = study == "ablation" or fraction == 1.0
+            keys = [f"{name}_{job.variant}"] if full else []
+            if study == "paper" and name == "iid":
+                keys.append(f"learning_{100 * fraction:g}pc_{job.variant}")
+            for key in keys:
+                groups.setdefault(key, []).append(figures)
+                seeds.setdefault(key, set()).add(job.config.seed)
+    report = dict(still)
+    for key, rows in groups.items():
+        report |= {f"{key}_{figure}": value for figure, value in gather(rows).items()}
+        report[f"{key}_seeds"] = len(seeds[key])
+    report["seconds_of_training"] = sum(tests["iid"]["seconds"] for tests in done.values())
+    return report
 
 
 @click.command(cls=Messages)
-@click.argument("study", type=click.Choice(list(STUDIES)))
+@click.argument("study", type=click.Choice(list(JOBS)))
+@click.option("--data", type=click.Path(path_type=Path, file_okay=False, exists=True), required=True)
 @click.option("--build", type=click.Path(path_type=Path, file_okay=False), default=Path("build"), show_default=True)
 @click.option("--seeds", type=click.IntRange(1), default=5, show_default=True, help="Runs of each variant.")
-def main(study: str, build: Path, seeds: int) -> None:
-    """Run a study and write its figures to build/reports/STUDY.json."""
-    folder, names = build / "studies", list(DATA) if study == "paper" else ["iid"]
-    data = _simulate(folder, names, seed=100)
-    jobs = [
-        (variant, replace(config, seed=seed)) for variant, config in STUDIES[study].items() for seed in range(seeds)
-    ]
-    workers = min(len(jobs), len(os.sched_getaffinity(0)))
+@click.option("--jobs", type=click.IntRange(1), default=None, help="Runs side by side.  [default: all cores]")
+def main(study: str, data: Path, build: Path, seeds: int, jobs: int | None) -> None:
+    """Run a study and write its figures to build/reports/STUDY.json, its tables to STUDY.md."""
+    folder, reports = build / "studies" / study, build / "reports"
+    waiting = list(JOBS[study](seeds))
+    still = _still(_data(data)) if study == "paper" else {}
+    workers = min(len(waiting), jobs or len(os.sched_getaffinity(0)))
+    done: dict[Job, dict[str, Figures]] = {}
     with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
-        waiting = [pool.submit(_run, v, c, folder, names, SPLITS[study], k % workers) for k, (v, c) in enumerate(jobs)]
-        runs = [job.result() for job in waiting]
-    report: dict[str, float | int | str] = {
-        "seeds": seeds,
-        "iid_split": SPLITS[study],
-        **{f"{n}_n_samples": len(d) for n, d in data.items()},
-    }
-    for name in names:
-        part = data[name].split(SPLITS[study]) if name == "iid" else data[name]
-        report |= {f"{name}_label_{key}": value for key, value in label_figures(part).items()}
-        rows = _gather(runs, name)
-        click.echo(f"\n{name}\n{_format(rows)}")
-        for row, figures in rows.items():
-            for key, values in figures.items():
-                report |= {
-                    f"{name}_{row}_{key}_mean": float(np.mean(values)),
-                    f"{name}_{row}_{key}_sd": spread(values),
-                }
-    write_json(build / "reports" / f"{study}.json", report)
-    click.echo(f"\nfigures: {build / 'reports' / f'{study}.json'}")
+        futures = {pool.submit(_run, study, job, folder, data, k % workers): job for k, job in enumerate(waiting)}
+        for future in as_completed(futures):
+            done[futures[future]] = future.result()
+            report = summarise(study, done, still)
+            write_json(reports / f"{study}.json", report | {"runs": len(done), "runs_planned": len(waiting)})
+    text = write_tables(study, json.loads((reports / f"{study}.json").read_text()), reports)
+    click.echo(f"\n{text}\nfigures: {reports / f'{study}.json'}")
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ from .card import write_card
 from .checkpoint import META, Checkpoint, build_model, load_checkpoint, save_checkpoint
 from .config import LossWeights, TrainConfig
 from .dataset import Dataset
+from .dims import N_BRANCH, N_WRENCH
 from .errors import AminnError
 from .losses import pose_terms, structural_terms
 from .metrics import all_figures, calibration_figures, choose_tau, operating_curve, pose_error
@@ -70,11 +71,12 @@ def _stage1_terms(module: nn.Module, kind: str) -> Callable[[Inputs, Tensor], Te
 
 
 def _stage2_terms(module: nn.Module, kind: str, weights: LossWeights) -> Callable[[Inputs, Tensor], Terms]:
-    def terms(x: Inputs, dx: Tensor) -> Terms:
+    def terms(x: Inputs, y: Tensor) -> Terms:
+        dx, taut = y.split([N_WRENCH, N_BRANCH], -1)
         if kind != "aminn":
             return pose_terms(module(x), dx, weights)
         pred, springs, response = module(x)
-        return pose_terms(pred, dx, weights) | structural_terms(springs, response, weights)
+        return pose_terms(pred, dx, weights) | structural_terms(springs, response, taut, weights)
 
     return terms
 
@@ -88,20 +90,20 @@ def _stages(model: nn.Module, config: TrainConfig, train: Dataset, validation: D
     data = []
     for part in (train, validation):
         x, stable = part.inputs(), torch.as_tensor(part.samples["stable"] > 0)
-        dx = torch.as_tensor(part.samples["dx_ht"], dtype=torch.float32)
-        data.append((x, stable, dx))
-    (x, stable, dx), (xv, stable_v, dx_v) = data
+        motion = np.hstack([part.samples["dx_ht"], part.taut()])  # (n, 6 + 3), what stage 2 is held against
+        data.append((x, stable, torch.as_tensor(motion, dtype=torch.float32)))
+    (x, stable, motion), (xv, stable_v, motion_v) = data
     held, held_v = torch.nonzero(stable).squeeze(1), torch.nonzero(stable_v).squeeze(1)
     stable_x = _select(x, held)
     model.stage1.fit_normalisers(x)
     model.stage2.fit_normalisers(stable_x)
     if config.kind == "mlp":
-        model.stage2.out_scale.copy_(dx[held].std(0))
+        model.stage2.out_scale.copy_(motion[held, :N_WRENCH].std(0))
     stage1 = _stage1_terms(model.stage1, config.kind)
     stage2 = _stage2_terms(model.stage2, config.kind, config.loss)
     return [
         _Stage("stage1", model.stage1, stage1, (x, stable.float()), (xv, stable_v.float())),
-        _Stage("stage2", model.stage2, stage2, (stable_x, dx[held]), (_select(xv, held_v), dx_v[held_v])),
+        _Stage("stage2", model.stage2, stage2, (stable_x, motion[held]), (_select(xv, held_v), motion_v[held_v])),
     ]
 
 
