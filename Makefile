@@ -77,10 +77,20 @@ dataset: setup-python ## simulated grasps and loads, in build/dataset (GRASPS=, 
 	@echo "Dataset: $(BUILD)/dataset/manifest.json, data card: $(BUILD)/dataset/card.html"
 
 .PHONY: paper ablation
-paper: setup-python ## AMINN beside the MLP over all seeds (SEEDS=): new grasps, tool family, friction, larger loads
-ablation: setup-python ## choices of the mechanics and of the training, over all seeds (SEEDS=)
+paper: setup-python ## AMINN beside the MLP on build/dataset, all seeds (SEEDS=), learning curve, shifts: a table
+ablation: setup-python ## choices of model and training, on validation grasps of build/dataset, all seeds (SEEDS=)
 paper ablation:
-	@$(PYTHON) -m aminn.study $@ --build $(BUILD) --seeds $(SEEDS)
+	@[ -f $(BUILD)/dataset/manifest.json ] || $(MAKE) --no-print-directory dataset
+	@$(PYTHON) -m aminn.study $@ --data $(BUILD)/dataset --build $(BUILD) --seeds $(SEEDS) --jobs $(JOBS)
+
+.PHONY: step
+step: setup-python ## time of a training step, AMINN beside the MLP, on build/dataset
+	@[ -f $(BUILD)/dataset/manifest.json ] || $(MAKE) --no-print-directory dataset
+	@$(PYTHON) -m aminn.step_bench --data $(BUILD)/dataset --json $(REPORTS)/step.json
+
+.PHONY: resume
+resume: setup-python ## training killed at random steps (20 times a model), resumed, and compared with an undisturbed run
+	@$(PYTHON) tests/trainer/resume.py --report $(REPORTS)/resume.json
 
 .PHONY: golden
 golden: demo ## the demo's model becomes the reference model in tests/golden (when the model's format changes)

@@ -9,7 +9,7 @@ from synthetic import draw_inputs, draw_wrench, hand
 from torch import Tensor
 
 from aminn.dims import LENGTH_SCALE_M
-from aminn.mechanics import MechanicsConfig, Springs, dense_stiffness, inverse_3x3, two_pass
+from aminn.mechanics import Extras, MechanicsConfig, Springs, dense_stiffness, inverse_3x3, two_pass
 from aminn.nominal import nominal_from_hand
 
 N = 200
@@ -121,3 +121,52 @@ def test_gradients(x: dict[str, Tensor], springs: Springs) -> None:
         return 1e3 * respond(Springs(low @ low.mT, *others), few, MechanicsConfig()).dx * scale
 
     assert torch.autograd.gradcheck(dx, leaves, eps=1e-7, atol=1e-4, rtol=1e-3)
+
+
+def test_gradients_of_every_input_and_result(x: dict[str, Tensor], springs: Springs) -> None:
+    """The hand-written adjoint of a pass: stiffness K_x, gates and motion, by springs, contact and twist compliance."""
+    few = {k: v[:2] for k, v in x.items()}
+    contact = few["contacts"][..., 0].clone()
+    contact[0, 1] = 0.0
+    factor = torch.linalg.cholesky(springs.k_spring)[:2].clone()
+    twist = torch.tensor([[0.1, 0.2, 0.3]] * 2, dtype=torch.float64)
+    slip = torch.tensor([[[0.02, 2e-3]] * 3] * 2, dtype=torch.float64)
+    leaves = [t.requires_grad_() for t in (factor, torch.tensor(1e-4, dtype=torch.float64), twist, slip)]
+    rest = [t[:2] for t in springs[1:]]
+
+    def results(low: Tensor, eps: Tensor, twist: Tensor, slip: Tensor) -> tuple[Tensor, ...]:
+        normal, pinch = few["contacts"][..., 4:7], few["contacts"][..., 7]
+        extras = Extras(eps, twist, slip, normal, pinch)
+        args = (few["w_e"], contact, few["j_x"], few["j_q"], MASK, MechanicsConfig(), extras)
+        r = two_pass(Springs(low @ low.mT, *rest), *args)
+        return 1e3 * r.x_scaled, torch.diagonal(r.k_scaled, dim1=-2, dim2=-1).log(), 10 * r.gate, 100 * r.dq0
+
+    assert torch.autograd.gradcheck(results, leaves, eps=1e-7, atol=1e-4, rtol=1e-3)
+
+
+def test_twist_stiffness_resists_rotation_about_the_normal_alone(x: dict[str, Tensor], springs: Springs) -> None:
+    normal = x["contacts"][..., 4:7]
+    args = (x["w_e"], x["contacts"][..., 0], x["j_x"], x["j_q"], MASK, MechanicsConfig())
+    loose = springs._replace(tendon_gain=torch.zeros_like(springs.tendon_gain))  # gates would follow the other dx0
+    plain = two_pass(loose, *args).k_x
+    stiff = two_pass(loose, *args, Extras(twist=torch.ones(N, 3, dtype=torch.float64), normal=normal)).k_x
+    expected = (normal[..., :, None] * normal[..., None, :]).sum(1)
+    assert torch.allclose((stiff - plain)[:, 3:, 3:], expected, atol=1e-6)
+    assert (stiff - plain)[:, :3].abs().max() < 1e-6 * plain.abs().max()
+
+
+def test_slip_softens_contacts_and_creates_no_energy(x: dict[str, Tensor], springs: Springs) -> None:
+    args = (x["w_e"], x["contacts"][..., 0], x["j_x"], x["j_q"], MASK, MechanicsConfig())
+    slip = torch.tensor([0.05, 1e-2], dtype=torch.float64).expand(N, 3, 2)
+    slipping = Extras(slip=slip, normal=x["contacts"][..., 4:7], normal_force=x["contacts"][..., 7])
+    plain, soft = two_pass(springs, *args), two_pass(springs, *args, slipping)
+    work = [(x["w_e"] * r.dx).sum(-1) for r in (plain, soft)]
+    assert (work[1] >= work[0] * (1 - 1e-9)).all() and (work[1] > 1.05 * work[0]).any()
+
+
+def test_single_precision_is_good_enough_for_a_gradient(x: dict[str, Tensor], springs: Springs) -> None:
+    args = (x["w_e"], x["contacts"][..., 0], x["j_x"], x["j_q"], MASK, MechanicsConfig())
+    single, double = (two_pass(springs, *args, dtype=t).x_scaled for t in (torch.float32, torch.float64))
+    error = (single - double).norm(dim=1) / double.norm(dim=1)
+    print(f"float32: {error.max():.1e}")
+    assert error.max() < 1e-3

@@ -59,3 +59,34 @@ def test_tau_prefers_the_threshold_with_less_error() -> None:
     stable, error = np.ones(400, bool), np.ones(400)
     error[0] = 100.0
     assert metrics.choose_tau(p, stable, error) > p[0]
+
+
+def test_auroc_counts_pairs_and_halves_ties() -> None:
+    rng = np.random.default_rng(1)
+    score, positive = np.round(rng.uniform(size=60), 1), rng.uniform(size=60) < 0.4
+    pairs = score[positive][:, None] - score[~positive]
+    assert metrics.auroc(score, positive) == pytest.approx(((pairs > 0) + 0.5 * (pairs == 0)).mean())
+    assert np.isnan(metrics.auroc(score, np.ones(60, bool)))
+
+
+def test_calibration_of_probabilities_that_are_right_and_wrong() -> None:
+    rng = np.random.default_rng(2)
+    p = rng.uniform(size=20000)
+    positive = rng.uniform(size=20000) < p
+    assert metrics.calibration_figures(p, positive)["ece"] < 0.015
+    assert metrics.calibration_figures(np.full(20000, 0.9), positive)["ece"] == pytest.approx(0.9 - positive.mean())
+    assert sum(b["n"] for b in metrics.reliability(np.array([0.0, 0.5, 1.0]), np.array([False, True, True]))) == 3
+
+
+def test_precision_and_recall() -> None:
+    pred, true = np.array([1, 1, 0, 0], bool), np.array([1, 0, 1, 1], bool)
+    assert metrics.precision_recall(pred, true) == (0.5, pytest.approx(1 / 3))
+    assert np.isnan(metrics.precision_recall(np.zeros(4, bool), true)[0])
+
+
+def test_operating_curve_follows_the_threshold() -> None:
+    p = np.linspace(0, 1, 200)
+    curve = metrics.operating_curve(p, p > 0.5, 1 - p)
+    k = int(np.argmin(np.abs(np.array(curve["tau"]) - 0.5)))
+    assert curve["passed"][k] == pytest.approx(0.5, abs=0.02) and curve["f1"][k] == pytest.approx(1, abs=0.02)
+    assert curve["rmse_pose"][-1] < curve["rmse_pose"][0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,9 @@ import pytest
 
 from aminn import study
 from aminn.config import TrainConfig
-from aminn.dataset import Dataset
+from aminn.dataset import Dataset, load_dataset
 from aminn.errors import AminnError
-from aminn.metrics import COLUMNS
+from aminn.paper_table import write_tables
 from aminn.pipeline import anew_if_outdated
 from aminn.train import train
 
@@ -36,14 +37,50 @@ def test_an_error_that_is_not_the_folder_s_fault_is_raised(tmp_path: Path) -> No
 
 
 def test_variants_of_a_study_differ_and_share_the_rest() -> None:
-    for variants in study.STUDIES.values():
-        assert len(set(variants.values())) == len(variants)
-        assert study.BASE in variants.values()
+    assert len(set(study.ABLATIONS.values())) == len(study.ABLATIONS)
+    jobs = list(study.paper_jobs(2))
+    assert len({job.name for job in jobs}) == len(jobs) == 2 * 2 * len(study.FRACTIONS)
+    assert jobs[0].config == replace(study.BASE, seed=0) and jobs[1].config == replace(jobs[0].config, kind="mlp")
+
+
+def test_regimes_differ_from_the_training_data_in_one_respect(dataset: Dataset) -> None:
+    masks = study.regimes(dataset)
+    assert sum(m.astype(int) for m in masks.values()).max() == 1
+    family = np.asarray(dataset.manifest["tool_families"])[dataset.grasps["tool_family"][dataset.grasp_rows()]]
+    assert set(family[masks["new_family"]]) == {study.NEW_FAMILY} and study.NEW_FAMILY not in family[masks["iid"]]
+    friction = dataset.grasps["friction"][dataset.grasp_rows()]
+    assert friction[masks["new_friction"]].min() > study.FRICTION_MAX >= friction[masks["iid"]].max()
 
 
 def test_study_gathers_mean_and_spread_over_runs() -> None:
-    runs = [{"iid": {"aminn": {key: float(k) for key in COLUMNS}}} for k in (1, 3)]
-    rows = study._gather(runs, "iid")
-    assert all(rows["aminn"][key] == [1.0, 3.0] for key in COLUMNS)
-    line = study._format(rows).splitlines()[-1]
-    assert f"{np.mean([1, 3]):.3f} ± {np.std([1, 3], ddof=1):.3f}" in line
+    found = study.gather([{"f1": 1.0, "gone": None}, {"f1": 3.0, "gone": 2.0}])
+    assert found == {"f1_mean": 2.0, "f1_sd": pytest.approx(np.std([1, 3], ddof=1)), "gone_mean": 2.0, "gone_sd": 0.0}
+
+
+def test_a_study_writes_its_table_and_goes_on(data_dir: Path, tmp_path: Path, monkeypatch) -> None:
+    """Two runs of each model on a share of the data: the report has every test set, and nothing is trained twice."""
+    jobs = [study.Job(k, TrainConfig(kind=k, epochs=1, train_fraction=f)) for f in (1.0, 0.3) for k in ("aminn", "mlp")]
+    still = study._still(load_dataset(data_dir))
+    done = {job: study._run("paper", job, tmp_path, data_dir, 0) for job in jobs}
+    report = study.summarise("paper", done, still)
+    for name in study.REGIMES:
+        assert 0 <= report[f"{name}_aminn_f1_mean"] <= 1 and report[f"{name}_label_n_samples"] > 0
+    assert report["iid_aminn_passivity_violation_full_mean"] == 0
+    assert "learning_30pc_mlp_rmse_pose_mean" in report and "learning_100pc_aminn_f1_mean" in report
+    monkeypatch.setattr(study, "train", None)
+    assert {job: study._run("paper", job, tmp_path, data_dir, 0) for job in jobs} == done
+    text = write_tables("paper", report, tmp_path)
+    for row in ("new tool family", "larger loads", "full-work violations exactly 0", "| 30 % | AMINN |", "force x"):
+        assert row in text
+
+
+def test_ablation_is_judged_on_validation_grasps_alone(dataset: Dataset) -> None:
+    (name, part), *others = study._tests(dataset, "ablation", 1.0).items()
+    assert name == "iid" and not others
+    assert set(part.samples["grasp_id"]) <= set(dataset.split("validation").samples["grasp_id"])
+
+
+def test_a_data_set_without_the_held_out_family_is_refused(dataset: Dataset) -> None:
+    other = replace(dataset, manifest=dataset.manifest | {"tool_families": ["capsule", "cylinder", "cup", "box"]})
+    with pytest.raises(AminnError, match="no ellipsoid among its tools"):
+        study.regimes(other)

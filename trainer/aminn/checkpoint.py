@@ -46,9 +46,17 @@ def write_atomically(path: Path, data: bytes) -> None:
 
 def write_json(path: Path, value: dict) -> None:
     """Write a JSON file with sorted keys, atomically. A figure that is not finite becomes null: NaN is no JSON."""
-    known = {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in value.items()}
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(path, (json.dumps(known, indent=1, sort_keys=True, allow_nan=False) + "\n").encode())
+    write_atomically(path, (json.dumps(_finite(value), indent=1, sort_keys=True, allow_nan=False) + "\n").encode())
+
+
+def _finite(value: object) -> object:
+    """The value with null for every float that is not finite."""
+    if isinstance(value, dict):
+        return {k: _finite(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(v) for v in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def build_model(kind: str, config: ModelConfig, nominal: Nominal) -> Aminn | Mlp:

@@ -1,7 +1,7 @@
-"""Time of one training step, AMINN beside the MLP, at the batch size at which the two are compared (`make train-bench`).
+"""Time of one training step, AMINN beside the MLP, at the batch size at which the two are compared (`make step`).
 
-A step is what training does: pick the samples, forward, backward, clip, AdamW. Both models take turns on one thread, and
-the figure is the median over rounds of the processor time of a round, so that other programs disturb it little.
+A step is what training does: pick the samples, forward, backward, clip, AdamW. Both models take turns on one thread.
+The figure is the median over rounds of a round's processor time, so that other programs disturb it little.
 """
 
 from __future__ import annotations

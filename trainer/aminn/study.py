@@ -144,7 +144,11 @@ def _tests(data: Dataset, study: str, fraction: float) -> dict[str, Dataset]:
     if study != "paper":
         return {"iid": known(data).split("validation")}
     names = REGIMES if fraction == 1.0 else REGIMES[:1]
-    return {name: data.where(mask, name).split("test") for name, mask in regimes(data).items() if name in names}
+    tests = {name: data.where(mask, name).split("test") for name, mask in regimes(data).items() if name in names}
+    empty = [name for name, test in tests.items() if not (test.samples["stable"] > 0).any()]
+    if empty:
+        raise AminnError(f"no stable test case of {', '.join(empty)}: the data set is too small, simulate more grasps")
+    return tests
 
 
 def figures_on(checkpoint: Checkpoint, name: str, data: Dataset, deep: bool) -> Figures:
@@ -177,7 +181,7 @@ def _run(study: str, job: Job, folder: Path, path: Path, position: int) -> dict[
     figures["iid"] |= {"seconds": seconds, "n_parameters": checkpoint.meta["n_parameters"]}
     kept.parent.mkdir(parents=True, exist_ok=True)
     write_json(kept, {"identity": identity, "figures": figures})
-    return figures
+    return json.loads(kept.read_text())["figures"]
 
 
 def spread(values: list[float]) -> float:

@@ -364,7 +364,7 @@ def _result(model: nn.Module, parts: dict[str, Dataset], manifest: dict) -> dict
     return {
         "tau": tau,
         "operating_curve": operating_curve(out["p_stable"], stable, error),
-        "validation": {k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in figures.items()},
+        "validation": figures,
         "data": {
             "hand": manifest["hand"].get("name", ""),
             "simulator": manifest.get("simulator", ""),

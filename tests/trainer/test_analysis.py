@@ -1,0 +1,95 @@
+"""Breakdowns, gates and compliance on predictions whose figures are known, and what noise does."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from aminn import analysis
+from aminn.checkpoint import Checkpoint
+from aminn.closure import closure
+from aminn.dataset import Dataset
+from aminn.evaluate import Prediction, learned, noise_floor
+from aminn.nominal import nominal_from_hand
+
+
+def perfect(data: Dataset) -> Prediction:
+    s = data.samples
+    stable = s["stable"] > 0
+    return Prediction("perfect", s["dx_ht"], stable, stable.astype(float), data.taut().astype(float))
+
+
+def test_closure_is_that_of_the_data(dataset: Dataset) -> None:
+    s = dataset.samples
+    j_x, j_q = closure(nominal_from_hand(dataset.manifest["hand"]), s["q"], s["x_ht"], s["contacts"])
+    np.testing.assert_allclose(j_x, s["j_x"], atol=1e-12)
+    np.testing.assert_allclose(j_q, s["j_q"], atol=1e-12)
+
+
+def test_groups_of_each_kind_cover_all_load_cases_once(dataset: Dataset) -> None:
+    masks = dict(analysis.groups(dataset))
+    for kind in (["load0", "load1", "load2", "load3"], list(analysis.DIRECTIONS)):
+        assert (sum(masks[name].astype(int) for name in kind) == 1).all()
+    for start in ("tool_", "tendons_"):
+        assert (sum(m.astype(int) for name, m in masks.items() if name.startswith(start)) == 1).all()
+
+
+def test_a_perfect_prediction_has_perfect_figures(dataset: Dataset) -> None:
+    right = perfect(dataset)
+    found = analysis.breakdown(right, dataset)
+    assert found["load0_f1"] == 1 and found["tool_capsule_rmse_pose_all"] == 0 and found["tendons_taut_ece"] == 0
+    assert analysis.gate_figures(right, dataset)["gate_auroc"] == 1
+    assert analysis.compliance_figures(right, dataset)["small_load_compliance_error_median"] == 0
+
+
+def test_compliance_error_is_that_along_the_load(dataset: Dataset) -> None:
+    right = perfect(dataset)
+    soft = Prediction("soft", 1.1 * right.dx, right.stable)
+    found = analysis.compliance_figures(soft, dataset)
+    assert found["small_load_compliance_error_median"] == pytest.approx(0.1)
+    assert found["small_load_relative_error_median"] == pytest.approx(0.1)
+
+
+def test_gates_that_are_the_wrong_way_round_are_found(dataset: Dataset) -> None:
+    right = perfect(dataset)
+    wrong = Prediction("wrong", right.dx, right.stable, gate=1 - right.gate)
+    assert analysis.gate_figures(wrong, dataset)["gate_auroc"] == 0
+
+
+def test_error_shares_add_up(dataset: Dataset) -> None:
+    still = Prediction("still", np.zeros((len(dataset), 6)), np.ones(len(dataset), bool))
+    shares = analysis.squared_error_shares(still, dataset)
+    assert sum(shares[f"error_share_{name}"] for name in analysis.DIRECTIONS) == pytest.approx(1)
+
+
+def test_noise_changes_inputs_as_it_says_and_no_labels(dataset: Dataset) -> None:
+    noise = analysis.SensorNoise()
+    noisy = analysis.with_noise(dataset, noise)
+    change = noisy.samples["q"] - dataset.samples["q"]
+    assert change.std() == pytest.approx(noise.joint_rad, rel=0.05)
+    moved = noisy.samples["contacts"][..., 1:4] - dataset.samples["contacts"][..., 1:4]
+    assert moved.std() == pytest.approx(noise.contact_m, rel=0.05)
+    np.testing.assert_allclose(np.linalg.norm(noisy.samples["contacts"][..., 4:7], axis=-1), 1)
+    np.testing.assert_array_equal(noisy.samples["dx_ht"], dataset.samples["dx_ht"])
+    still = analysis.with_noise(dataset, noise.scaled(0.0)).samples
+    for name in ("q", "w_e", "j_x", "j_q"):
+        np.testing.assert_allclose(still[name], dataset.samples[name], atol=1e-12)
+
+
+def test_noise_makes_predictions_worse(runs: dict[str, Checkpoint], dataset: Dataset) -> None:
+    figures = analysis.noise_figures(runs["aminn"], dataset)
+    errors = [figures[f"noise{f:g}_relative_error_median"] for f in analysis.NOISE_FACTORS]
+    assert errors == sorted(errors)
+
+
+def test_gates_learn_from_the_tendons(runs: dict[str, Checkpoint], dataset: Dataset) -> None:
+    """The made-up tensions are random: there is nothing to learn, and the figure says so."""
+    found = analysis.gate_figures(learned(runs["aminn"], dataset.split("test"), "aminn"), dataset.split("test"))
+    assert 0.35 < found["gate_auroc"] < 0.65
+
+
+def test_noise_floor_of_the_labels(dataset: Dataset) -> None:
+    found = noise_floor(dataset)
+    assert found["noise_floor_relative_error_median"] == pytest.approx(0.001, rel=1e-3)
+    assert found["noise_floor_impratio_relative_error_median"] == pytest.approx(0.01, rel=1e-3)
+    assert found["noise_floor_f1"] == 1 and found["noise_floor_flipped"] == 0

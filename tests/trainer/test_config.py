@@ -1,0 +1,77 @@
+"""Settings: what is written reads back, later sources win, and a wrong one is refused with its name."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+
+import pytest
+
+from aminn.config import MechanicsConfig, TrainConfig, as_toml, load_config
+from aminn.errors import AminnError
+
+
+def test_toml_reads_back_with_every_description(tmp_path: Path) -> None:
+    config = load_config(None, ["model.mechanics.eps_m=3e-5", "loss.relative=0.5", "model.heads=free"], seed=7)
+    (tmp_path / "mine.toml").write_text(as_toml(config))
+    assert load_config(tmp_path / "mine.toml") == config
+    assert "# Peak of the schedule" in as_toml(config)
+
+
+def test_every_setting_has_a_description() -> None:
+    def check(config: object) -> None:
+        for f in fields(config):
+            value = getattr(config, f.name)
+            assert type(config).__pydantic_fields__[f.name].description, f.name
+            for inner in value if isinstance(value, tuple) else (value,):
+                if is_dataclass(inner):
+                    check(inner)
+
+    check(TrainConfig())
+
+
+def test_later_sources_win(tmp_path: Path) -> None:
+    file = tmp_path / "a.toml"
+    file.write_text("epochs = 3\nbatch = 64\n[loss]\nrelative = 0.1\n")
+    config = load_config(file, ["loss.gate=0"], epochs=5, kind=None)
+    assert (config.epochs, config.batch, config.loss.relative, config.loss.gate) == (5, 64, 0.1, 0.0)
+
+
+def test_one_mechanics_table_stands_for_both_stages_and_a_pair_for_each(tmp_path: Path) -> None:
+    config = load_config(None, ["model.mechanics.dq0=inverse"])
+    assert config.model.mechanics == (MechanicsConfig(dq0="inverse"),) * 2
+    (tmp_path / "two.toml").write_text("[[model.mechanics]]\neps_m = 1e-4\n[[model.mechanics]]\neps_m = 1e-5\n")
+    assert [m.eps_m for m in load_config(tmp_path / "two.toml").model.mechanics] == [1e-4, 1e-5]
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        (["learning_rat=1"], "learning_rat is no setting; did you mean learning_rate"),
+        (["colour=1"], "colour is no setting; there are kind, seed, epochs"),
+        (["model.mechanics.epsm=1"], r"model\.mechanics\.epsm is no setting; did you mean model\.mechanics\.eps_m"),
+        (["batch=0"], "batch: input should be greater than 0, not 0"),
+        (["batch=many"], "batch: .*valid integer"),
+        (["kind=forest"], "kind: .*'aminn' or 'mlp'"),
+        (["loss.gate=-1"], r"loss\.gate: .*greater than or equal to 0"),
+        (["learning_rate=nan"], "learning_rate: .*finite"),
+        (["train_fraction=1.5"], "train_fraction: .*less than or equal to 1"),
+        (["model.wrench_log_scale=[1, 2]"], r"model\.wrench_log_scale: .*6 positive numbers"),
+        (["epochs"], "expected key=value"),
+        (["epochs=3", "epochs.foo=3"], "epochs is a single value, not a table"),
+    ],
+)
+def test_wrong_settings_are_refused(overrides: list[str], message: str) -> None:
+    with pytest.raises(AminnError, match=message):
+        load_config(None, overrides)
+
+
+def test_a_file_that_is_no_toml_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "bad.toml").write_text("epochs = = 3")
+    with pytest.raises(AminnError, match=r"bad\.toml: not valid TOML"):
+        load_config(tmp_path / "bad.toml")
+
+
+def test_printed_configuration_is_toml() -> None:
+    assert tomllib.loads(as_toml(TrainConfig()))["loss"]["relative"] == TrainConfig().loss.relative
