@@ -32,7 +32,7 @@ from .errors import AminnError
 from .evaluate import analytical, figures_of, label_figures, learned, no_motion
 from .paper_table import write_tables
 from .pipeline import anew_if_outdated
-from .train import identity_of, train
+from .train import LEAST_GRASPS, identity_of, train
 
 Figures = dict[str, float]
 # To be raised with every change of the figures, so that those of kept runs are taken again.
@@ -236,6 +236,11 @@ def summarise(study: str, done: dict[Job, dict[str, Figures]], still: dict) -> d
     return report
 
 
+def _enough(data: Dataset, fraction: float) -> bool:
+    """Whether a share of the training grasps is enough to train on; small data sets have a shorter learning curve."""
+    return len(np.unique(data.split("train", fraction).samples["grasp_id"])) >= LEAST_GRASPS["train"]
+
+
 @click.command(cls=Messages)
 @click.argument("study", type=click.Choice(list(JOBS)))
 @click.option("--data", type=click.Path(path_type=Path, file_okay=False, exists=True), required=True)
@@ -245,7 +250,7 @@ def summarise(study: str, done: dict[Job, dict[str, Figures]], still: dict) -> d
 def main(study: str, data: Path, build: Path, seeds: int, jobs: int | None) -> None:
     """Run a study and write its figures to build/reports/STUDY.json, its tables to STUDY.md."""
     folder, reports = build / "studies" / study, build / "reports"
-    waiting = list(JOBS[study](seeds))
+    waiting = [job for job in JOBS[study](seeds) if _enough(known(_data(data)), job.config.train_fraction)]
     still = _still(_data(data)) if study == "paper" else {}
     workers = min(len(waiting), jobs or len(os.sched_getaffinity(0)))
     done: dict[Job, dict[str, Figures]] = {}
