@@ -10,6 +10,7 @@ import pytest
 from synthetic import closure, draw_inputs, hand
 
 from aminn.grasp_picture import GraspPicture, branch_points, draw_grasp, magnification, rotation_matrix, tool_faces
+from aminn.metrics import operating_curve, reliability
 from aminn.report import ReportInputs, difference_table, format_value, pictures, result_table, to_png, write_report
 
 RNG = np.random.default_rng(0)
@@ -26,6 +27,7 @@ def _grasp(family: str = "handle", scale: float = 1.0) -> GraspPicture:
 def _inputs() -> ReportInputs:
     true = RNG.normal(size=(50, 6)) * 1e-3
     work = {"label": RNG.normal(size=50), "aminn": np.abs(RNG.normal(size=50)), "mlp": np.zeros(0)}
+    p, held = np.linspace(0, 1, 80), np.linspace(0, 1, 80) > 0.4
     curve = {"train": [1.0, 0.5, 0.3], "validation": [1.1, 0.7, 0.5]}
     return ReportInputs(
         title="A <run> & more",
@@ -38,6 +40,8 @@ def _inputs() -> ReportInputs:
         true_dx=true,
         predicted_dx={"aminn": true * 1.1, "mine": true * 0},
         histories={"aminn": {"stage1": curve, "stage2": curve}},
+        operating={"aminn": (operating_curve(p, held, 1 - p), 0.5)},
+        reliability={"aminn": reliability(p, held)},
         grasp=_grasp(),
         verification={"ok": True, "samples": 1234, "host_bin_dx_relative_max": 1.5e-5, "host_bin_refused": 0},
         dataset={"grasps": 12, "stable share": 0.6123},
@@ -49,7 +53,7 @@ def test_page_is_self_contained_and_complete(tmp_path: Path) -> None:
     write_report(_inputs(), tmp_path / "reports" / "page.html")
     page = (tmp_path / "reports" / "page.html").read_text()
     assert "A &lt;run&gt; &amp; more" in page
-    assert page.count("data:image/png;base64,") == 4
+    assert page.count("data:image/png;base64,") == 6
     assert all(link.startswith("data:") for link in re.findall(r'(?:src|href)="([^"]*)"', page))
     assert not re.search(r"https?://", page)
     for text in ("0.912", "1234", "1.5e-05", "stable share", "0.6123", "A note.", "Every sample within its limit"):

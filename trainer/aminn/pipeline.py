@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from .checkpoint import Checkpoint
 from .errors import AminnError
 from .evaluate import Evaluation, names_of, truth
-from .metrics import pose_size, signed_work
+from .metrics import pose_size, reliability, signed_work
 
 if TYPE_CHECKING:
     from .grasp_picture import GraspPicture
@@ -173,6 +173,8 @@ def run_report(result: Evaluation, checkpoints: list[Checkpoint], differences: d
         true_dx=s["dx_ht"][held],
         predicted_dx={name: result.predictions[name].dx[held] for name in (*learned, "analytical")},
         histories={name: c.meta["history"] for name, c in zip(learned, checkpoints, strict=True)},
+        operating={n: (c.meta["operating_curve"], c.meta["tau"]) for n, c in zip(learned, checkpoints, strict=True)},
+        reliability={name: reliability(result.predictions[name].p_stable, held) for name in learned},
         grasp=_example_grasp(result),
         verification=differences,
         dataset=_report_data(result.labels, result.data.manifest),

@@ -78,6 +78,10 @@ class ReportInputs:
     """Name -> predicted displacements (n, 6) of the same samples."""
     histories: Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]] = field(default_factory=dict)
     """Name -> stage -> {"train": [...], "validation": [...]}, one number an epoch."""
+    operating: Mapping[str, tuple[Mapping[str, Sequence[float]], float]] = field(default_factory=dict)
+    """Name -> (curve of `metrics.operating_curve` on validation data, the tau that was chosen)."""
+    reliability: Mapping[str, Sequence[Mapping[str, float]]] = field(default_factory=dict)
+    """Name -> curve of `metrics.reliability`."""
     grasp: GraspPicture | None = None
     """A grasp before and under load."""
     verification: Mapping[str, Value] = field(default_factory=dict)
@@ -239,6 +243,39 @@ def training_figure(histories: Mapping[str, Mapping[str, Mapping[str, Sequence[f
     return figure
 
 
+def operating_figure(curves: Mapping[str, tuple[Mapping[str, Sequence[float]], float]]) -> Figure:
+    """F1 against displacement error and against the share passed on, along the threshold; a ring at the chosen one."""
+    figure = _figure(10.4, 3.6)
+    axes = figure.subplots(1, 2)
+    sides = (("rmse_pose", "RMSE_pose of what is stable and passed on"), ("passed", "share of load cases passed on"))
+    for name, (curve, tau) in curves.items():
+        chosen = int(np.argmin(np.abs(np.asarray(curve["tau"]) - tau)))
+        for ax, (key, _) in zip(axes, sides, strict=True):
+            colour = colour_of(name, list(curves))
+            ax.plot(curve[key], curve["f1"], color=colour, linewidth=1.6, label=f"{label_of(name)}, tau {tau:.2f}")
+            ax.plot(curve[key][chosen], curve["f1"][chosen], "o", color=colour, markersize=8, fillstyle="none")
+    for ax, (_, text) in zip(axes, sides, strict=True):
+        _tidy(ax, text, "F1", "")
+        ax.legend(fontsize=8, frameon=False, loc="lower right" if ax is axes[0] else "lower center")
+    return figure
+
+
+def reliability_figure(curves: Mapping[str, Sequence[Mapping[str, float]]]) -> Figure:
+    """Share of cases that hold against the predicted probability; the size of a point is the number of cases."""
+    figure = _figure(4.6, 4.2)
+    ax = figure.subplots()
+    ax.plot([0, 1], [0, 1], color="#111111", linewidth=0.9)
+    for name, bins in curves.items():
+        total, colour = sum(b["n"] for b in bins), colour_of(name, list(curves))
+        sizes = [20 + 400 * b["n"] / total for b in bins]
+        x, y = [b["p"] for b in bins], [b["share"] for b in bins]
+        ax.plot(x, y, color=colour, linewidth=1.2, label=label_of(name))
+        ax.scatter(x, y, s=sizes, color=colour, alpha=0.4, linewidths=0)
+    _tidy(ax, "predicted p_stable", "share that holds")
+    ax.legend(fontsize=8, frameon=False)
+    return figure
+
+
 def _picture(title: str, caption: str, figure: Figure) -> Picture:
     return Picture(title, caption, base64.b64encode(to_png(figure)).decode())
 
@@ -266,6 +303,12 @@ def pictures(inputs: ReportInputs) -> list[Picture]:
         )
         figure = work_figure(inputs.signed_work, inputs.signed_work_translational)
         made.append(_picture("Signed work", caption, figure))
+    if inputs.operating:
+        caption = "Validation data, along the threshold on p_stable. Rings: the thresholds stored with the models."
+        made.append(_picture("Operating point", caption, operating_figure(inputs.operating)))
+    if inputs.reliability:
+        caption = "On the line, a share p of the cases called stable with probability p holds. Large points: many cases."
+        made.append(_picture("Calibration of p_stable", caption, reliability_figure(inputs.reliability)))
     if inputs.histories:
         made.append(
             _picture("Training", "Dashed: training data; solid: validation data.", training_figure(inputs.histories))

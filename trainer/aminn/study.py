@@ -43,7 +43,7 @@ FRACTIONS = (1.0, 0.1, 0.03, 0.3, 0.01)
 ABLATION_FRACTION = 0.3
 
 NEW_FAMILY = "ellipsoid"
-FRICTION_MAX, FORCE_MAX_N, MOMENT_MAX_NM = 0.95, 10.0, 0.25
+FRICTION_MAX, FORCE_MAX_N, MOMENT_MAX_NM = 0.95, 8.0, 0.2
 SELECTION = (
     f"family not {NEW_FAMILY}, friction <= {FRICTION_MAX}, force <= {FORCE_MAX_N} N, moment <= {MOMENT_MAX_NM} N.m"
 )
