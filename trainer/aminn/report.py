@@ -307,7 +307,7 @@ def pictures(inputs: ReportInputs) -> list[Picture]:
         caption = "Validation data, along the threshold on p_stable. Rings: the thresholds stored with the models."
         made.append(_picture("Operating point", caption, operating_figure(inputs.operating)))
     if inputs.reliability:
-        caption = "On the line, a share p of the cases called stable with probability p holds. Large points: many cases."
+        caption = "On the line, a share p of the cases with probability p holds. Large points: many cases."
         made.append(_picture("Calibration of p_stable", caption, reliability_figure(inputs.reliability)))
     if inputs.histories:
         made.append(
