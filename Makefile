@@ -83,6 +83,10 @@ paper ablation:
 	@[ -f $(BUILD)/dataset/manifest.json ] || $(MAKE) --no-print-directory dataset
 	@$(PYTHON) -m aminn.study $@ --data $(BUILD)/dataset --build $(BUILD) --seeds $(SEEDS) --jobs $(JOBS)
 
+.PHONY: tables
+tables: setup-python ## the tables of README and docs anew from build/reports (paper.json, ablation.json)
+	@$(PYTHON) -m aminn.paper_table --reports $(REPORTS) README.md docs/evaluation.md
+
 .PHONY: step
 step: setup-python ## time of a training step, AMINN beside the MLP, on build/dataset
 	@[ -f $(BUILD)/dataset/manifest.json ] || $(MAKE) --no-print-directory dataset

@@ -122,6 +122,7 @@ def write_dataset(path: Path, grasps: int = 60, cases: int = 8, seed: int = 0) -
         file["grasps/grasp_id"] = np.arange(grasps)
         file["grasps/tool_family"] = np.arange(grasps) % len(FAMILIES)
         file["grasps/friction"] = np.random.default_rng(seed).uniform(0.4, 1.1, grasps)
+        file["grasps/tendon_tension_N"] = np.random.default_rng(seed).uniform(0, 10, (grasps, 6))
         file["grasps/tool_size_m"] = np.tile([0.05, 0.015, 0.015], (grasps, 1))
         again = np.arange(0, grasps * cases, 10)
         file["noise/sample"] = again

@@ -12,7 +12,7 @@ from aminn import study
 from aminn.config import TrainConfig
 from aminn.dataset import Dataset, load_dataset
 from aminn.errors import AminnError
-from aminn.paper_table import write_tables
+from aminn.paper_table import filled, write_tables
 from aminn.pipeline import anew_if_outdated
 from aminn.train import train
 
@@ -72,6 +72,21 @@ def test_a_study_writes_its_table_and_goes_on(data_dir: Path, tmp_path: Path, mo
     text = write_tables("paper", report, tmp_path)
     for row in ("new tool family", "larger loads", "full-work violations exactly 0", "| 30 % | AMINN |", "force x"):
         assert row in text
+
+
+def test_what_is_told_stands_among_the_inputs_and_changes_the_identity(dataset: Dataset) -> None:
+    told = study.told(dataset, "friction")
+    np.testing.assert_array_equal(told.samples["x_ht"][:, 3], dataset.grasps["friction"][dataset.grasp_rows()])
+    np.testing.assert_array_equal(told.samples["x_ht"][:, :3], dataset.samples["x_ht"][:, :3])
+    assert told.sha256 != dataset.sha256 and study.told(dataset, "") is dataset
+    assert study.told(dataset, "pretension").samples["x_ht"][0, 3] == dataset.grasps["tendon_tension_N"][0, 0] / 20
+
+
+def test_marked_tables_are_written_anew() -> None:
+    text = "a\n<!-- table: ablation -->\nold\n<!-- end of table -->\nb\n<!-- table: other -->\nc\n<!-- end of table -->"
+    new = filled(text, "ablation", {"iid_shipped_seeds": 1, "iid_shipped_f1_mean": 0.5, "iid_shipped_f1_sd": 0.0})
+    assert "old" not in new and "| shipped | 0.500 |" in new and "\nc\n" in new
+    assert filled(new, "ablation", {}) != new and filled(text, "paper", {}) == text
 
 
 def test_ablation_is_judged_on_validation_grasps_alone(dataset: Dataset) -> None:

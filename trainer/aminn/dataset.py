@@ -36,7 +36,13 @@ SAMPLE_SHAPES: dict[str, tuple[int, ...]] = INPUT_SHAPES | {
     "grasp_id": (),
 }
 # Of /grasps and of /noise: load cases simulated again with half the time step and with another contact impedance ratio.
-GRASP_SHAPES: dict[str, tuple[int, ...]] = {"grasp_id": (), "tool_family": (), "friction": (), "tool_size_m": (3,)}
+GRASP_SHAPES: dict[str, tuple[int, ...]] = {
+    "grasp_id": (),
+    "tool_family": (),
+    "tool_size_m": (3,),
+    "friction": (),
+    "tendon_tension_N": (N_TENDON,),
+}
 NOISE_SHAPES: dict[str, tuple[int, ...]] = {
     "sample": (),
     "dx_half_step": (N_WRENCH,),

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
-import sys
+import re
 from collections.abc import Callable
 from pathlib import Path
 
+import click
+
 from .checkpoint import write_atomically
+from .cli import Messages
 
 Report = dict[str, float | int | str | None]
 
@@ -82,6 +85,16 @@ def learning_curve(report: Report) -> str:
             cells = [_cell(report, row, *COLUMNS[c]) for c in LEARNING]
             rows.append([f"{fraction} %" if model == "aminn" else "", MODELS[model], *cells])
     return _table(["training grasps", "model", *LEARNING], rows)
+
+
+def summary(report: Report) -> str:
+    """The short table of the README: new grasps, all models."""
+    kept = ("F1", "ECE", "RMSE_pose", "mm", "deg", "relative, median", "p90", "f.dp < 0", "w.dx < 0")
+    rows = []
+    for model, name in MODELS.items():
+        cells = [_cell(report, f"iid_{model}", *COLUMNS[c]) for c in kept]
+        rows.append([f"**{name}**" if model == "aminn" else name, *cells])
+    return _table(["model", *kept], rows)
 
 
 def _ratio(report: Report, figure: str, top: str, bottom: str) -> float | None:
@@ -183,17 +196,55 @@ def ablation(report: Report) -> str:
     return _table(["variant", *ABLATION], rows)
 
 
+TABLES: dict[str, dict[str, Callable[[Report], str]]] = {
+    "paper": {
+        "comparison": comparison,
+        "aims": aims,
+        "learning": learning_curve,
+        "groups": groups,
+        "noise": noise,
+        "summary": summary,
+    },
+    "ablation": {"ablation": ablation},
+}
+"""Study -> name of a table -> what makes it."""
+
+
 def write_tables(study: str, report: Report, reports: Path) -> str:
     """Write the study's tables to `<study>.md` in `reports`; returns them."""
-    if study == "ablation":
-        parts = [ablation(report)]
-    else:
-        parts = [comparison(report), aims(report), learning_curve(report), groups(report), noise(report)]
-    text = "\n\n".join(parts) + "\n"
+    text = "\n\n".join(table(report) for table in TABLES[study].values()) + "\n"
     write_atomically(reports / f"{study}.md", text.encode())
     return text
 
 
-if __name__ == "__main__":  # the tables of a study that is still running
-    for file in map(Path, sys.argv[1:]):
-        print(write_tables(file.stem, json.loads(file.read_text()), file.parent))
+def filled(document: str, study: str, report: Report) -> str:
+    """The document with the study's tables anew between `<!-- table: NAME -->` and `<!-- end of table -->`."""
+
+    def anew(match: re.Match[str]) -> str:
+        table = TABLES[study].get(match["name"])
+        return match[0] if table is None else f"{match['start']}\n{table(report)}\n{match['end']}"
+
+    return MARKED.sub(anew, document)
+
+
+MARKED = re.compile(r"(?P<start><!-- table: (?P<name>[a-z]+) -->)\n.*?(?P<end><!-- end of table -->)", flags=re.DOTALL)
+
+
+@click.command(cls=Messages)
+@click.argument("documents", nargs=-1, type=click.Path(path_type=Path, exists=True, dir_okay=False))
+@click.option("--reports", type=click.Path(path_type=Path, file_okay=False, exists=True), required=True)
+def main(documents: tuple[Path, ...], reports: Path) -> None:
+    """Put the tables of the studies in REPORTS into the documents, between their marks."""
+    for study in TABLES:
+        file = reports / f"{study}.json"
+        if not file.is_file():
+            click.echo(f"{file}: not there, its tables stay as they are")
+            continue
+        report = json.loads(file.read_text())
+        for document in documents:
+            write_atomically(document, filled(document.read_text(), study, report).encode())
+    click.echo(f"tables: {', '.join(map(str, documents))}")
+
+
+if __name__ == "__main__":
+    main()

@@ -30,6 +30,7 @@ from .config import MechanicsConfig, TrainConfig
 from .dataset import Dataset, load_dataset
 from .errors import AminnError
 from .evaluate import analytical, figures_of, label_figures, learned, no_motion
+from .nominal import gated_tendons
 from .paper_table import write_tables
 from .pipeline import anew_if_outdated
 from .train import LEAST_GRASPS, identity_of, train
@@ -68,12 +69,32 @@ def known(data: Dataset) -> Dataset:
     return data.where(regimes(data)["iid"], SELECTION)
 
 
+def told(data: Dataset, secret: str) -> Dataset:
+    """The data with what no sensor of the hand tells among the inputs: where it stands, the tool's orientation is lost.
+
+    The mechanics layer has no use for the orientation, and the contacts say most of it. "friction" is the coefficient,
+    "pretension" the tension of the gated tendons before the load (over 20 N).
+    """
+    if not secret:
+        return data
+    rows, x_ht = data.grasp_rows(), data.samples["x_ht"].copy()
+    gated = gated_tendons(data.manifest["hand"])
+    values = {
+        "friction": np.repeat(data.grasps["friction"][rows, None], 3, axis=1),
+        "pretension": data.grasps["tendon_tension_N"][rows][:, gated] / 20.0,
+    }
+    x_ht[:, 3:] = values[secret]
+    return replace(data, samples=data.samples | {"x_ht": x_ht}, selection=f"{data.selection}, {secret} told")
+
+
 @dataclass(frozen=True)
 class Job:
     """One run of a study."""
 
     variant: str
     config: TrainConfig
+    secret: str = ""
+    """What `told` adds to the inputs."""
 
     @property
     def name(self) -> str:
@@ -129,6 +150,10 @@ def ablation_jobs(seeds: int) -> Iterator[Job]:
     for seed in range(seeds):
         for variant, config in ABLATIONS.items():
             yield Job(variant, replace(config, seed=seed, train_fraction=ABLATION_FRACTION))
+        for secret in ("friction", "pretension"):
+            for kind in ("aminn", "mlp"):
+                config = replace(BASE, kind=kind, seed=seed, train_fraction=ABLATION_FRACTION)
+                yield Job(f"{kind}_told_{secret}", config, secret)
 
 
 JOBS = {"paper": paper_jobs, "ablation": ablation_jobs}
@@ -164,7 +189,7 @@ def figures_on(checkpoint: Checkpoint, name: str, data: Dataset, deep: bool) -> 
 def _run(study: str, job: Job, folder: Path, path: Path, position: int) -> dict[str, Figures]:
     """Train one run and judge it, or read what an earlier call found: test set -> figures."""
     data = _data(path)
-    part = known(data)
+    part = told(known(data), job.secret)
     identity = identity_of(job.config, part.sha256) | {"figures_version": FIGURES_VERSION}
     kept = folder / "figures" / f"{job.name}.json"
     if kept.is_file():
@@ -175,7 +200,7 @@ def _run(study: str, job: Job, folder: Path, path: Path, position: int) -> dict[
     start = time.process_time()
     checkpoint = anew_if_outdated(out, lambda: train(job.config, part, out, bar_position=position))
     seconds = time.process_time() - start
-    tests = _tests(data, study, job.config.train_fraction)
+    tests = {k: told(v, job.secret) for k, v in _tests(data, study, job.config.train_fraction).items()}
     deep = study == "paper" and job.config.train_fraction == 1.0
     figures = {name: figures_on(checkpoint, name, test, deep and name == "iid") for name, test in tests.items()}
     figures["iid"] |= {"seconds": seconds, "n_parameters": checkpoint.meta["n_parameters"]}
