@@ -123,6 +123,8 @@ def write_dataset(path: Path, grasps: int = 60, cases: int = 8, seed: int = 0) -
         file["grasps/tool_family"] = np.arange(grasps) % len(FAMILIES)
         file["grasps/friction"] = np.random.default_rng(seed).uniform(0.4, 1.1, grasps)
         file["grasps/tendon_tension_N"] = np.random.default_rng(seed).uniform(0, 10, (grasps, 6))
+        capsule = [[3, 0.015, 0.035, 0, 0, 0, 0, 0.5**0.5, 0, 0.5**0.5, 0], [-1] + [0] * 10, [-1] + [0] * 10]
+        file["grasps/tool_geoms"] = np.tile(np.array(capsule, float), (grasps, 1, 1))
         file["grasps/tool_size_m"] = np.tile([0.05, 0.015, 0.015], (grasps, 1))
         again = np.arange(0, grasps * cases, 10)
         file["noise/sample"] = again

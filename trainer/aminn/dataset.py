@@ -40,6 +40,7 @@ GRASP_SHAPES: dict[str, tuple[int, ...]] = {
     "grasp_id": (),
     "tool_family": (),
     "tool_size_m": (3,),
+    "tool_geoms": (3, 11),
     "friction": (),
     "tendon_tension_N": (N_TENDON,),
 }

@@ -176,7 +176,7 @@ def draw(e: Explanation, out: Path) -> None:
         hand,
         e.row("q"),
         e.row("x_ht"),
-        e.data.manifest["tool_families"][int(e.data.grasps["tool_family"][grasp])],
+        e.data.grasps["tool_geoms"][grasp],
         np.asarray(e.data.grasps["tool_size_m"][grasp], float),
         e.row("w_e"),
         "springs, tendons and softest directions",

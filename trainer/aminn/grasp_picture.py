@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise, product
+from itertools import pairwise
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -46,9 +46,11 @@ class GraspPicture:
     contacts: Array
     """Contact rows before the load (3, 8)."""
     tool_family: str
-    """Name of the tool's family: handle (capsule), block or ball."""
+    """Name of the tool's family, for the caption."""
+    tool_geoms: Array
+    """The tool's primitives (n, 11): MuJoCo's type, size, position, quaternion; `tool_geoms` of a data set."""
     tool_size_m: Array
-    """Half extents of the tool along its own axes (3); x is the long one."""
+    """Half extents of the part that is held, along the tool's axes (3); x is the long one."""
     predicted_dx: Array | None = None
     """Predicted displacement (6), for the caption."""
 
@@ -90,39 +92,46 @@ def _tube(start: Array, end: Array, radius: float, caps: bool = True, n: int = 2
     return [np.stack([a[i], a[i + 1], b[i + 1], b[i]]) for a, b in pairwise(rings) for i in range(n)]
 
 
-def _box(half: Array) -> list[Array]:
-    """Faces of a box, cut in squares so that they sort well by depth."""
+def _cylinder(radius: float, half_length: float, n: int = 24) -> list[Array]:
+    """Polygons of a cylinder along z: its side, and its ends cut in sectors."""
+    top = np.array([0.0, 0, half_length])
+    faces = _tube(-top, top, radius, caps=False, n=n)
+    angle = np.linspace(0, 2 * math.pi, n + 1)
+    rim = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(n + 1)], 1)
+    return faces + [np.stack([z, z, z + b, z + a]) for z in (top, -top) for a, b in pairwise(rim)]
+
+
+# MuJoCo's numbers of the shapes that tools are made of, and the polygons of each in its own frame by its size.
+_SHAPES: dict[int, Callable[[Array], list[Array]]] = {
+    2: lambda size: _tube(np.zeros(3), np.zeros(3), size[0]),
+    3: lambda size: _tube(np.array([0, 0, -size[1]]), np.array([0, 0, size[1]]), size[0]),
+    4: lambda size: [face * size for face in _tube(np.zeros(3), np.zeros(3), 1.0, n=28)],
+    5: lambda size: _cylinder(size[0], size[1]),
+}
+
+
+def _rotated(quaternion: Array) -> Array:
+    """Rotation matrix of a unit quaternion, scalar first."""
+    w, v = float(quaternion[0]), np.asarray(quaternion[1:], float)
+    cross = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+    return np.eye(3) + 2 * w * cross + 2 * cross @ cross
+
+
+def tool_faces(geoms: Array) -> list[Array]:
+    """Polygons (k, 3) of a tool in its own frame from its primitives (n, 11), as a data set has them."""
     faces = []
-    grid = np.linspace(-1, 1, 7)
-    for axis in range(3):
-        u, v = (axis + 1) % 3, (axis + 2) % 3
-        for side in (-1.0, 1.0):
-            for a, b in ((i, j) for i in range(6) for j in range(6)):
-                corners = np.zeros((4, 3))
-                corners[:, axis] = side
-                corners[:, u] = grid[[a, a + 1, a + 1, a]]
-                corners[:, v] = grid[[b, b, b + 1, b + 1]]
-                faces.append(corners * half)
+    for kind, *rest in np.asarray(geoms, float):
+        if kind < 0:
+            continue
+        size, position, quaternion = np.split(np.array(rest), [3, 6])
+        turn = _rotated(quaternion)
+        faces += [face @ turn.T + position for face in _SHAPES[int(kind)](size)]
     return faces
 
 
-def tool_faces(family: str, half: Array) -> list[Array]:
-    """Polygons (k, 3) of a tool in its own frame. An unknown family is drawn as an ellipsoid."""
-    if family in ("handle", "capsule", "cylinder"):
-        reach = np.array([max(half[0] - half[1], 0), 0, 0])
-        return _tube(-reach, reach, half[1])
-    if family in ("block", "box"):
-        return _box(half)
-    return [face * half for face in _tube(np.zeros(3), np.zeros(3), 1.0, n=28)]
-
-
-def tool_outline(family: str, half: Array) -> list[Array]:
+def tool_outline(geoms: Array) -> list[Array]:
     """Lines (k, 3) that suggest a tool's shape, in its own frame."""
-    if family not in ("block", "box"):
-        return [np.concatenate([face, face[:1]]) for face in tool_faces(family, half)]
-    corners = np.array(list(product((-1.0, 1.0), repeat=3)))
-    pairs = [(a, b) for a in corners for b in corners if (b - a).max() > 0 and np.abs(b - a).sum() == 2.0]
-    return [np.stack([a, b]) * half for a, b in pairs if (b - a).min() >= 0]
+    return [np.concatenate([face, face[:1]]) for face in tool_faces(geoms)]
 
 
 def _shade(faces: Sequence[Array], colour: str) -> list[tuple[float, float, float]]:
@@ -183,10 +192,8 @@ def _draw_ghost(ax: Axes3D, picture: GraspPicture) -> None:
     """Outlines of hand and tool before the load."""
     lines = [1e3 * branch_points(picture.hand, b, picture.q) for b in range(len(BRANCH_COLOURS))]
     ax.add_collection3d(Line3DCollection(lines, colors=GHOST, linewidths=1.4, linestyles="dashed"))
-    half = np.asarray(picture.tool_size_m, float)
-    outline = _placed(tool_outline(picture.tool_family, half), np.asarray(picture.x_ht))
-    box = len(outline) <= 12
-    edges = Line3DCollection([1e3 * line for line in outline], colors=GHOST, linewidths=1.0 if box else 0.3, alpha=0.6)
+    outline = _placed(tool_outline(picture.tool_geoms), np.asarray(picture.x_ht))
+    edges = Line3DCollection([1e3 * line for line in outline], colors=GHOST, linewidths=0.3, alpha=0.6)
     ax.add_collection3d(edges)
 
 
@@ -256,10 +263,10 @@ def _caption(picture: GraspPicture, factor: int) -> str:
 
 
 def draw_scene(
-    ax: Axes3D, hand: Mapping, q: Array, x_ht: Array, tool_family: str, tool_size_m: Array, w_e: Array, title: str
+    ax: Axes3D, hand: Mapping, q: Array, x_ht: Array, tool_geoms: Array, tool_size_m: Array, w_e: Array, title: str
 ) -> None:
     """One state of a grasp with the load: hand, see-through tool, force."""
-    faces = _placed(tool_faces(tool_family, tool_size_m), x_ht)
+    faces = _placed(tool_faces(tool_geoms), x_ht)
     _draw_hand(ax, hand, q)
     _draw_solid(ax, faces, TOOL_COLOUR, 0.35)
     _draw_load(ax, w_e, tool_size_m, x_ht)
@@ -279,12 +286,12 @@ def draw_grasp(picture: GraspPicture) -> tuple[Figure, str]:
     )
     half = np.asarray(picture.tool_size_m, float)
     reach = [branch_points(picture.hand, b, q) for q, _ in states for b in range(len(BRANCH_COLOURS))]
-    tools = [np.concatenate(_placed(tool_faces(picture.tool_family, half), pose)) for _, pose in states]
+    tools = [np.concatenate(_placed(tool_faces(picture.tool_geoms), pose)) for _, pose in states]
     points = np.concatenate(reach + tools)
     for k, ((q, pose), title) in enumerate(zip(states, ("before the load", "under load"), strict=True)):
         ax = figure.add_subplot(1, 2, k + 1, projection="3d", computed_zorder=True)
         _draw_hand(ax, picture.hand, q)
-        _draw_solid(ax, _placed(tool_faces(picture.tool_family, half), pose), TOOL_COLOUR, 0.8)
+        _draw_solid(ax, _placed(tool_faces(picture.tool_geoms), pose), TOOL_COLOUR, 0.8)
         if k == 1:
             _draw_ghost(ax, picture)
             _draw_load(ax, picture.w_e, half, pose)

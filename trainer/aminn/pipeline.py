@@ -144,6 +144,7 @@ def _example_grasp(result: Evaluation) -> GraspPicture:
     return GraspPicture(
         hand=data.manifest["hand"],
         tool_family=data.manifest["tool_families"][int(data.grasps["tool_family"][grasp])],
+        tool_geoms=data.grasps["tool_geoms"][grasp],
         tool_size_m=data.grasps["tool_size_m"][grasp],
         predicted_dx=result.predictions["aminn"].dx[row] if "aminn" in result.predictions else None,
         **{name: s[name][row] for name in ("q", "q_after", "x_ht", "dx_ht", "w_e", "contacts")},
