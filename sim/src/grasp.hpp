@@ -95,6 +95,8 @@ struct CaseResult {
 inline constexpr double kRotationArm = 0.1;
 // From one pose of the tool to another: translation, rotation vector.
 Wrench displacement(const Pose &before, const Pose &after);
+// 0 to 1 with zero slope at both ends; the share of the load that acts at `x` of the ramp.
+double smooth_ramp(double x);
 // Number of time steps.
 int steps_of(double seconds, double dt);
 
@@ -138,6 +140,10 @@ class GraspWorker {
     const mjModel &model() const
     {
         return *model_;
+    }
+    const Options &options() const
+    {
+        return options_;
     }
     mjData &data()
     {

@@ -78,13 +78,12 @@ Reason judge(const CaseResult &r, const Options &o)
     return Reason::stable;
 }
 
-// 0 to 1 with zero slope at both ends.
+} // namespace
+
 double smooth_ramp(double x)
 {
     return x >= 1 ? 1 : x * x * (3 - 2 * x);
 }
-
-} // namespace
 
 Load GraspWorker::draw_load()
 {

@@ -401,13 +401,14 @@ class Session {
         const Mat3 R = worker_.hand().palm(*d).R;
         Wrench world;
         world << R * load.w_e.head<3>(), R * load.w_e.tail<3>();
+        const int ramp = steps_of(worker_.options().ramp_s, m->opt.timestep);
         mjtNum *applied = d->xfrc_applied + 6 * worker_.hand().tool_body;
         const double start = seconds_now();
         guarded([&] {
             for (std::int64_t i = 0; i < n; ++i) {
-                const double x = std::min(1.0, static_cast<double>(i + 1) / 200);
+                const double scale = smooth_ramp(static_cast<double>(i + 1) / ramp);
                 for (int k = 0; k < AMINN_N_WRENCH; ++k)
-                    applied[k] = x * x * (3 - 2 * x) * world[k];
+                    applied[k] = scale * world[k];
                 mj_step(m, d);
             }
         });

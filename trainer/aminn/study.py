@@ -134,7 +134,7 @@ ABLATIONS: dict[str, TrainConfig] = {
     "mlp_loss_norm": replace(_loss(relative=1e9), kind="mlp"),
     "mlp_no_weight_decay": replace(BASE, kind="mlp", weight_decay=0.0),
 }
-"""Choices of the issue, each alone against what is shipped; the MLP gets those that concern it."""
+"""Choices that the method leaves open, each alone against what is shipped; the MLP gets those that concern it."""
 
 
 def paper_jobs(seeds: int) -> Iterator[Job]:

@@ -1,0 +1,46 @@
+"""The report on the simulation: what `make sim` measures, on a small scale."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from aminn_sim import SimulationConfig, _core, simulate
+from aminn_sim.figures import speed_figures, synergy_figures, write_figures
+from aminn_sim.hand_file import read_hand_file
+from aminn_sim.read import read_data
+
+
+def test_synergy_round_trip(simulator: _core.Simulator, dataset_dir: Path) -> None:
+    figures = synergy_figures(read_hand_file(), simulator, read_data(dataset_dir))
+    assert figures["synergy_round_trip_psi_max"] < 1e-12 and figures["synergy_round_trip_q_rad_max"] < 1e-12
+    assert 0 < figures["synergy_cells_filled_share"] < 0.1
+
+
+def test_placements_fill_the_range_more_evenly_than_chance(simulator: _core.Simulator) -> None:
+    """First attempts of consecutive grasps, by their Sobol' points: every cell of a 4 x 4 x 4 grid is met."""
+    points = np.stack([_core.sobol_point(i)[:3] for i in range(64)])
+    assert len(np.unique((points * 4).astype(int), axis=0)) == 64
+
+
+def test_speed_counts_the_same_steps_for_both(simulator: _core.Simulator) -> None:
+    figures = speed_figures(simulator, SimulationConfig(), grasps=1, cases=2, rounds=1)
+    assert figures["speed_steps"] > 2 * 350 and figures["speed_of_bare_engine_share"] > 0
+
+
+def test_report_of_a_run(tmp_path: Path) -> None:
+    config = SimulationConfig(grasps=2, cases=2, shard_grasps=1)
+    simulate(config, tmp_path / "data", progress=False, report=tmp_path / "reports" / "dataset.json")
+    report = json.loads((tmp_path / "reports" / "dataset.json").read_text())
+    assert report["dataset_cases"] == 4 and report["dataset_engine_steps"] > 4 * 350
+    (tmp_path / "reports" / "dataset.json").unlink()
+    simulate(config, tmp_path / "data", progress=False, report=tmp_path / "reports" / "dataset.json")
+    assert not (tmp_path / "reports" / "dataset.json").exists()  # nothing was left to do
+
+
+def test_figures_are_written_whole(tmp_path: Path) -> None:
+    write_figures(tmp_path / "new" / "sim.json", {"b": 1.0, "a": "x"})
+    assert json.loads((tmp_path / "new" / "sim.json").read_text()) == {"a": "x", "b": 1.0}
+    assert [p.name for p in (tmp_path / "new").iterdir()] == ["sim.json"]
