@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from .quality import noise_figures
 from .read import Array, SimulatedData, read_data
 from .schema import GROUPS, Field
+from .simulate import write_atomically
 
 BLUE = "#2563a8"
 BINS = 40
@@ -35,7 +36,7 @@ def data_card(folder: Path, report: Path | None = None) -> Path:
     if report.is_file():
         sections.append(_report(json.loads(report.read_text())))
     page = folder / "card.html"
-    page.write_text(_TEMPLATE.render(manifest=data.manifest, summary=_summary(data), sections=sections))
+    write_atomically(page, _TEMPLATE.render(summary=_summary(data), sections=sections).encode())
     return page
 
 

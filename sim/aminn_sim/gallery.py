@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -61,21 +62,39 @@ def gallery(folder: Path, count: int, hand: Path | str | None = None) -> Path:
     set is of another configuration or version, and where the renderer cannot be used.
     """
     data, hand_file = read_data(folder), read_hand_file(hand)
-    config = SimulationConfig(**{name: value for name, value in data.manifest["config"].items()})
-    if config_sha256(config, hand_file) != data.manifest["config_sha256"]:
+    config, simulator = _config(folder, data, hand_file), hand_file.simulator()
+    out, unfinished = folder / "gallery", folder / "gallery.unfinished"
+    shutil.rmtree(unfinished, ignore_errors=True)
+    try:
+        unfinished.mkdir()
+        with offscreen() as screen:
+            entries = [
+                _draw(data, config, hand_file, simulator, row, unfinished, screen) for row in choose(data, count)
+            ]
+        page = _TEMPLATE.render(entries=entries, manifest=data.manifest, version=import_mujoco().__version__)
+        (unfinished / "index.html").write_text(page)
+        if out.exists():
+            shutil.rmtree(out)
+        unfinished.rename(out)
+    except OSError as error:
+        raise SimulationError(f"{out}: cannot be written ({error.strerror}); make room or copy the data set") from error
+    finally:
+        shutil.rmtree(unfinished, ignore_errors=True)
+    return out / "index.html"
+
+
+def _config(folder: Path, data: SimulatedData, hand_file: HandFile) -> SimulationConfig:
+    """The configuration of a data set that this version, with this hand, makes in the same way."""
+    try:
+        config = SimulationConfig(**data.manifest["config"])
+        same = config_sha256(config, hand_file) == data.manifest["config_sha256"]
+    except TypeError:  # a field that this version does not have
+        same = False
+    if not same:
         raise SimulationError(
             f"{folder}: was simulated by another version or with another hand than {hand_file.path}; simulate it again"
         )
-    simulator, rows = hand_file.simulator(), choose(data, count)
-    out = folder / "gallery"
-    out.mkdir(exist_ok=True)
-    for old in out.glob("*.png"):
-        old.unlink()
-    with offscreen() as screen:
-        entries = [_draw(data, config, hand_file, simulator, row, out, screen) for row in rows]
-    page = _TEMPLATE.render(entries=entries, manifest=data.manifest, version=import_mujoco().__version__)
-    (out / "index.html").write_text(page)
-    return out / "index.html"
+    return config
 
 
 def choose(data: SimulatedData, count: int) -> list[int]:

@@ -138,7 +138,7 @@ def simulate(
                 write_shard(out / shard_name(task.number), result, attributes)
                 steps += result["steps"]
     manifest = build_manifest(config, digest, hand_file.as_dict() | simulator.hand(), out)
-    _write_atomically(out / "manifest.json", (json.dumps(manifest, sort_keys=True, indent=1) + "\n").encode())
+    write_atomically(out / "manifest.json", (json.dumps(manifest, sort_keys=True, indent=1) + "\n").encode())
     if report and todo:
         _write_report(report, total - done, steps, time.monotonic() - start, threads, engine)
     return manifest
@@ -154,7 +154,7 @@ def _write_report(path: Path, cases: int, steps: int, seconds: float, threads: i
         "dataset_engine": engine,
     }
     path.parent.mkdir(parents=True, exist_ok=True)
-    _write_atomically(path, (json.dumps(figures, sort_keys=True, indent=1) + "\n").encode())
+    write_atomically(path, (json.dumps(figures, sort_keys=True, indent=1) + "\n").encode())
 
 
 def check_tools_fit(config: SimulationConfig, hand_file: HandFile, simulator: _core.Simulator) -> None:
@@ -243,10 +243,10 @@ def write_shard(path: Path, arrays: dict[str, Arrays], attributes: dict[str, int
         for group, fields in GROUPS.items():
             for name, array in _checked(group, fields, arrays[group]).items():
                 file.create_dataset(f"{group}/{name}", data=array, track_times=False)
-    _write_atomically(path, image.getvalue())
+    write_atomically(path, image.getvalue())
 
 
-def _write_atomically(path: Path, content: bytes) -> None:
+def write_atomically(path: Path, content: bytes) -> None:
     """The file is there whole or not at all, whatever ends the program or the machine."""
     partial = path.with_name(path.name + ".partial")
     try:

@@ -92,16 +92,30 @@ def test_pictures_repeat(data_folder: Path, gallery_folder: Path) -> None:
 def test_data_of_another_version_are_refused(data_folder: Path, tmp_path: Path) -> None:
     copy = Path(shutil.copytree(data_folder, tmp_path / "data", ignore=shutil.ignore_patterns("gallery")))
     manifest = json.loads((copy / "manifest.json").read_text())
-    (copy / "manifest.json").write_text(json.dumps(manifest | {"config_sha256": "0" * 64}))
-    with pytest.raises(SimulationError, match="another version or with another hand"):
-        gallery(copy, 1)
-    assert not (copy / "gallery").exists()
+    older = {"config": manifest["config"] | {"field_of_old": 1}}
+    for change in ({"config_sha256": "0" * 64}, older):
+        (copy / "manifest.json").write_text(json.dumps(manifest | change))
+        with pytest.raises(SimulationError, match="another version or with another hand"):
+            gallery(copy, 1)
+    assert not list(copy.glob("gallery*"))
 
 
 def test_missing_renderer_is_named(monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "mujoco.osmesa", None)
     with pytest.raises(SimulationError, match="apt-get install libosmesa6"), offscreen():
         pass
+
+
+def test_unfinished_pictures_leave_nothing(data_folder: Path, tmp_path: Path, monkeypatch) -> None:
+    copy = Path(shutil.copytree(data_folder, tmp_path / "data", ignore=shutil.ignore_patterns("gallery")))
+
+    def full(file: Path, picture: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("aminn_sim.gallery._write_png", full)
+    with pytest.raises(SimulationError, match=r"gallery: cannot be written \(No space left on device"):
+        gallery(copy, 1)
+    assert not list(copy.glob("gallery*"))
 
 
 def test_card_shows_every_field_and_is_one_file(data_folder: Path, tmp_path: Path) -> None:
