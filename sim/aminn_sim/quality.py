@@ -25,7 +25,14 @@ def dataset_figures(data: SimulatedData) -> dict[str, float]:
     if not stable.any():
         raise SimulationError("figures: the data set has no stable sample")
     out = {"dataset_samples": float(len(stable)), "dataset_grasps": float(len(data.grasps["grasp_id"]))}
-    return out | _shares(data, stable) | _motions(data, stable) | _tendons(data, stable) | _quality(data, stable)
+    return (
+        out
+        | _shares(data, stable)
+        | _stable_by_load(data, stable)
+        | _motions(data, stable)
+        | _tendons(data, stable)
+        | _quality(data, stable)
+    )
 
 
 def _shares(data: SimulatedData, stable: Array) -> dict[str, float]:
@@ -41,6 +48,23 @@ def _shares(data: SimulatedData, stable: Array) -> dict[str, float]:
     out["grasp_yield"] = grasps / float(grasps + rejected.sum())
     for reason, count in zip(data.manifest["rejection_reasons"], rejected, strict=True):
         out[f"rejections_a_grasp_{reason}"] = float(count) / grasps
+    return out
+
+
+def _stable_by_load(data: SimulatedData, stable: Array) -> dict[str, float]:
+    """Stable share of pure forces at the origin and of pure moments, by quarters of their logarithmic range."""
+    w, out = data.samples["w_e"], {}
+    force, moment = np.linalg.norm(w[:, :3], axis=1), np.linalg.norm(w[:, 3:], axis=1)
+    for name, size, other in (("force_N", force, moment), ("moment_Nm", moment, force)):
+        pure = (size > 0) & (other == 0)
+        if not pure.any():
+            continue
+        edges = np.geomspace(size[pure].min(), size[pure].max(), 5)
+        quarter = np.clip(np.searchsorted(edges, size, side="right"), 1, 4)
+        for k in range(1, 5):
+            mine = pure & (quarter == k)
+            if mine.any():
+                out[f"share_stable_pure_{name}_up_to_{edges[k]:.2g}"] = float(stable[mine].mean())
     return out
 
 

@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 T = TypeVar("T")
 ROTATION_ARM_M = 0.1  # a rotation of 1 rad counts as this many metres in a relative error
 EPS_M = 1e-5  # m/N, compliance of a contact: penetration over normal force
+OTHER_EPS_M = (1e-6, 2e-5)  # tried beside it
 STICKING_RESIDUAL = 0.1  # closure residual below which every contact is taken to stick
 BRANCH_JOINTS = ((0, 1, 2), (3, 4, 5), (-1, 6, 7))
 _SCALE = np.array([1.0, 1.0, 1.0, ROTATION_ARM_M, ROTATION_ARM_M, ROTATION_ARM_M])
@@ -161,10 +162,10 @@ class Grasp:
         self.state = {k: v[0] for k, v in self.session.grasp().items()}
         self.mechanics = TrueMechanics.from_hand(simulator.hand())
 
-    def formula(self, w_e: Array) -> tuple[Array, Array]:
+    def formula(self, w_e: Array, eps_m: float = EPS_M) -> tuple[Array, Array]:
         """Displacement (6) and turns of the branch coordinates (3, 3)."""
         s = self.state
-        return predict(self.mechanics, s["j_x"], s["j_q"], s["contacts"][:, 0], s["tendon_tension_N"], w_e)
+        return predict(self.mechanics, s["j_x"], s["j_q"], s["contacts"][:, 0], s["tendon_tension_N"], w_e, eps_m)
 
     def simulate(self, w_e: Array) -> dict[str, Array]:
         """The load case's fields."""
@@ -184,6 +185,7 @@ class Compliance:
     simulated: Array  # (6, 6) m/N, m/(N.m), rad/N, rad/(N.m); column: load axis
     formula: Array  # (6, 6)
     errors: Array  # (12) relative errors of the displacements
+    other_errors: Array  # (12, 2) the same with OTHER_EPS_M
     sticking: Array  # (12) bool: stable, and no contact slid
 
     @property
@@ -197,7 +199,7 @@ class Compliance:
 def compliance(grasp: Grasp, force_N: float = 0.1) -> Compliance:
     """Loads of `force_N` and of 0.1 m times that about each axis, both ways."""
     simulated, formula = np.zeros((6, 6)), np.zeros((6, 6))
-    errors, sticking = [], []
+    errors, others, sticking = [], [], []
     for k in range(6):
         size = force_N * _SCALE[k]
         for sign in (1.0, -1.0):
@@ -207,8 +209,9 @@ def compliance(grasp: Grasp, force_N: float = 0.1) -> Compliance:
             simulated[:, k] += 0.5 * sign * case["dx_ht"] / size
             formula[:, k] += 0.5 * sign * expected / size
             errors.append(float(relative_error(expected, case["dx_ht"])))
+            others.append([float(relative_error(grasp.formula(w, eps)[0], case["dx_ht"])) for eps in OTHER_EPS_M])
             sticking.append(bool(case["stable"]) and grasp.closure_residual(case) < STICKING_RESIDUAL)
-    return Compliance(simulated, formula, np.array(errors), np.array(sticking))
+    return Compliance(simulated, formula, np.array(errors), np.array(others), np.array(sticking))
 
 
 def over_grasps(
@@ -234,17 +237,28 @@ def compliance_figures(
         for axis in dict.fromkeys(axes.tolist())
         if (sticking & (axes == axis)).any()
     }
-    return by_axis | {
-        "theory_grasps": float(len(results)),
-        "theory_loads": float(len(errors)),
-        "theory_sticking_share": float(sticking.mean()),
-        "theory_relative_error_median": float(np.median(errors[sticking])),
-        "theory_relative_error_p90": float(np.percentile(errors[sticking], 90)),
-        "theory_sliding_relative_error_median": float(np.median(errors[~sticking])) if (~sticking).any() else 0.0,
-        "theory_compliance_grasps": float(len(whole)),
-        "theory_compliance_error_median": float(np.median([r.matrix_error for r in whole])) if whole else float("nan"),
-        "theory_compliance_error_p90": float(np.percentile([r.matrix_error for r in whole], 90)) if whole else 0.0,
+    others = np.concatenate([r.other_errors for r in results])[sticking]
+    by_eps = {
+        f"theory_relative_error_median_eps_m_{e:.0e}": float(np.median(x))
+        for e, x in zip(OTHER_EPS_M, others.T, strict=True)
     }
+    return (
+        by_axis
+        | by_eps
+        | {
+            "theory_grasps": float(len(results)),
+            "theory_loads": float(len(errors)),
+            "theory_sticking_share": float(sticking.mean()),
+            "theory_relative_error_median": float(np.median(errors[sticking])),
+            "theory_relative_error_p90": float(np.percentile(errors[sticking], 90)),
+            "theory_sliding_relative_error_median": float(np.median(errors[~sticking])) if (~sticking).any() else 0.0,
+            "theory_compliance_grasps": float(len(whole)),
+            "theory_compliance_error_median": float(np.median([r.matrix_error for r in whole]))
+            if whole
+            else float("nan"),
+            "theory_compliance_error_p90": float(np.percentile([r.matrix_error for r in whole], 90)) if whole else 0.0,
+        }
+    )
 
 
 def preload_figures(
