@@ -15,7 +15,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _core
+from . import _core, preload
 from .config import SimulationConfig
 from .errors import SimulationError
 
@@ -49,6 +49,16 @@ class TrueMechanics:
             np.asarray([t["branch"] for t in tendons], int),
         )
 
+    def present(self, b: int) -> NDArray[np.bool_]:
+        """(3) which coordinates branch b has."""
+        return self.springs[b] > 0
+
+    def joint_stiffness(self, b: int, taut: NDArray[np.bool_]) -> Array:
+        """K_b (3, 3) with the tendons that are taut (6); 1 for a coordinate that is absent. N.m/rad."""
+        on = taut & (self.branch == b)
+        springs = np.diag(np.where(self.present(b), self.springs[b], 1.0))
+        return springs + (self.arms[on].T * self.stiffness[on]) @ self.arms[on]
+
 
 def predict(
     mechanics: TrueMechanics,
@@ -71,12 +81,9 @@ def predict(
         k_x, rhs = np.zeros((6, 6)), w_e.astype(float).copy()
         parts = []
         for b in range(3):
-            present = mechanics.springs[b] > 0
-            mine = mechanics.branch == b
-            arms, stiff, t0, on = mechanics.arms[mine], mechanics.stiffness[mine], tension[mine], taut[mine]
-            k_b = np.diag(np.where(present, mechanics.springs[b], 1.0)) + (arms[on].T * stiff[on]) @ arms[on]
-            loose = -arms[~on].T @ t0[~on]  # torque that a tendon gone slack no longer gives
-            compliance = np.linalg.inv(k_b) * np.outer(present, present)
+            present, off = mechanics.present(b), ~taut & (mechanics.branch == b)
+            loose = -mechanics.arms[off].T @ tension[off]  # torque that a tendon gone slack no longer gives
+            compliance = np.linalg.inv(mechanics.joint_stiffness(b, taut)) * np.outer(present, present)
             big_b = -j_q[b]
             w_b = np.linalg.inv(big_b @ compliance @ big_b.T + eps_m * np.eye(3)) * bool(in_contact[b])
             k_x += j_x[b].T @ w_b @ j_x[b]
@@ -160,12 +167,19 @@ class Grasp:
         families = config.family_indices()
         self.session = _core.Session(simulator, config.options(), config.seed, 0, index, index, families)
         self.state = {k: v[0] for k, v in self.session.grasp().items()}
-        self.mechanics = TrueMechanics.from_hand(simulator.hand())
+        self.hand = simulator.hand()
+        self.mechanics = TrueMechanics.from_hand(self.hand)
 
     def formula(self, w_e: Array, eps_m: float = EPS_M) -> tuple[Array, Array]:
         """Displacement (6) and turns of the branch coordinates (3, 3)."""
         s = self.state
         return predict(self.mechanics, s["j_x"], s["j_q"], s["contacts"][:, 0], s["tendon_tension_N"], w_e, eps_m)
+
+    def with_preload(self, w_e: Array) -> Array:
+        """Displacement (6) that `preload` gives for a small load, tendons as they are before it."""
+        taut = self.state["tendon_tension_N"] > 0
+        stiffness = np.stack([self.mechanics.joint_stiffness(b, taut) for b in range(3)])
+        return preload.displacement(self.hand, self.state, self.session.contact_forces(), stiffness, w_e)
 
     def simulate(self, w_e: Array) -> dict[str, Array]:
         """The load case's fields."""
@@ -186,6 +200,7 @@ class Compliance:
     formula: Array  # (6, 6)
     errors: Array  # (12) relative errors of the displacements
     other_errors: Array  # (12, 2) the same with OTHER_EPS_M
+    preload_errors: Array  # (12) the same with the contact forces taken into account
     sticking: Array  # (12) bool: stable, and no contact slid
 
     @property
@@ -199,7 +214,7 @@ class Compliance:
 def compliance(grasp: Grasp, force_N: float = 0.1) -> Compliance:
     """Loads of `force_N` and of 0.1 m times that about each axis, both ways."""
     simulated, formula = np.zeros((6, 6)), np.zeros((6, 6))
-    errors, others, sticking = [], [], []
+    errors, others, preloaded, sticking = [], [], [], []
     for k in range(6):
         size = force_N * _SCALE[k]
         for sign in (1.0, -1.0):
@@ -210,8 +225,9 @@ def compliance(grasp: Grasp, force_N: float = 0.1) -> Compliance:
             formula[:, k] += 0.5 * sign * expected / size
             errors.append(float(relative_error(expected, case["dx_ht"])))
             others.append([float(relative_error(grasp.formula(w, eps)[0], case["dx_ht"])) for eps in OTHER_EPS_M])
+            preloaded.append(float(relative_error(grasp.with_preload(w), case["dx_ht"])))
             sticking.append(bool(case["stable"]) and grasp.closure_residual(case) < STICKING_RESIDUAL)
-    return Compliance(simulated, formula, np.array(errors), np.array(others), np.array(sticking))
+    return Compliance(simulated, formula, np.array(errors), np.array(others), np.array(preloaded), np.array(sticking))
 
 
 def over_grasps(
@@ -237,6 +253,7 @@ def compliance_figures(
         for axis in dict.fromkeys(axes.tolist())
         if (sticking & (axes == axis)).any()
     }
+    preloaded = np.concatenate([r.preload_errors for r in results])[sticking]
     others = np.concatenate([r.other_errors for r in results])[sticking]
     by_eps = {
         f"theory_relative_error_median_eps_m_{e:.0e}": float(np.median(x))
@@ -251,6 +268,8 @@ def compliance_figures(
             "theory_sticking_share": float(sticking.mean()),
             "theory_relative_error_median": float(np.median(errors[sticking])),
             "theory_relative_error_p90": float(np.percentile(errors[sticking], 90)),
+            "theory_with_preload_relative_error_median": float(np.median(preloaded)),
+            "theory_with_preload_relative_error_p90": float(np.percentile(preloaded, 90)),
             "theory_sliding_relative_error_median": float(np.median(errors[~sticking])) if (~sticking).any() else 0.0,
             "theory_compliance_grasps": float(len(whole)),
             "theory_compliance_error_median": float(np.median([r.matrix_error for r in whole]))

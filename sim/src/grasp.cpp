@@ -111,6 +111,9 @@ ContactState GraspWorker::contacts(bool with_forces)
         // MuJoCo's normal points from geom1 to geom2
         row.normal = H.R.transpose() * Vec3(c.frame[0], c.frame[1], c.frame[2]) * (tool_is_2 ? 1.0 : -1.0);
         row.normal_force = force[0];
+        const Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> frame(c.frame);
+        row.force =
+            H.R.transpose() * (frame.transpose() * Vec3(force[0], force[1], force[2])) * (tool_is_2 ? 1.0 : -1.0);
     }
     return s;
 }

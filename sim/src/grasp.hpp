@@ -19,6 +19,7 @@ struct ContactState {
         bool in_contact = false;
         Vec3 position = Vec3::Zero(), normal = Vec3::Zero(); // normal into the tool
         double normal_force = 0;
+        Vec3 force = Vec3::Zero(); // on the tool
     };
     std::array<Row, kBranches> branch;
     std::array<int, kBranches> count{}; // contacts of each fingertip with the tool

@@ -235,6 +235,16 @@ class Session {
         const Load load = worker_.draw_load();
         return run(load, worker_.draw_recheck());
     }
+    // Forces of the settled contacts on the tool, one row a branch, N, H.
+    Array<double> contact_forces()
+    {
+        worker_.restore();
+        Mat3 rows;
+        const ContactState c = worker_.contacts();
+        for (int b = 0; b < kBranches; ++b)
+            rows.row(b) = c.branch[static_cast<std::size_t>(b)].force.transpose();
+        return out_array(rows);
+    }
     // The settled state, and the tool as it stands in the model.
     nb::dict scene()
     {
@@ -506,6 +516,7 @@ NB_MODULE(_core, m)
         .def("grasp", &Session::grasp)
         .def("load", &Session::load, "w_e"_a, "recheck"_a = false)
         .def("next_case", &Session::next_case)
+        .def("contact_forces", &Session::contact_forces)
         .def("scene", &Session::scene)
         .def("speed", &Session::speed, "cases"_a)
         .def("fingertip_point", &Session::fingertip_point, "branch"_a, "dq"_a)

@@ -24,6 +24,17 @@ def test_small_motions_follow_the_formula(simulator: _core.Simulator) -> None:
         assert (np.diag(r.simulated) > 0).all()
 
 
+def test_small_motions_follow_the_statics_with_preload(simulator: _core.Simulator) -> None:
+    """With the contact forces it closes to 1 %: geometry, springs, tendons, signs and frames are all as believed."""
+    results = over_grasps(simulator, SimulationConfig(seed=3), 16, 2, compliance)
+    errors, sticking = (
+        np.concatenate([r.preload_errors for r in results]),
+        np.concatenate([r.sticking for r in results]),
+    )
+    print(f"relative error median {np.median(errors[sticking]):.4f}, p90 {np.percentile(errors[sticking], 90):.4f}")
+    assert np.median(errors[sticking]) < 0.02 and np.percentile(errors[sticking], 90) < 0.08
+
+
 def test_compliance_jumps_where_a_tendon_goes_slack(simulator: _core.Simulator) -> None:
     jumps = [j for j in over_grasps(simulator, SimulationConfig(seed=1), 12, 2, slack_jump) if j is not None]
     assert len(jumps) >= 2
