@@ -101,7 +101,7 @@ def simulate(
 
     A finished data set is looked at as it is, unless an option says what else is to be simulated.
     """
-    from .pipeline import run_card, run_gallery, run_simulation, simulation_settings
+    from .simulation import run_card, run_gallery, run_simulation, simulation_settings
 
     decisive = ("grasps", "cases", "seed", "shard_grasps", "families", "changes")
     asked = any(context.get_parameter_source(name) is not click.core.ParameterSource.DEFAULT for name in decisive)

@@ -19,7 +19,8 @@ from .checkpoint import Checkpoint, load_checkpoint, write_json
 from .cli import Messages
 from .dataset import Dataset, load_dataset
 from .evaluate import Evaluation, evaluate, flat_report, format_table, training_grasps_in
-from .pipeline import anew_if_outdated, run_export, run_report, run_simulation, run_verify
+from .pipeline import anew_if_outdated, run_export, run_report, run_verify
+from .simulation import run_simulation
 from .train import TrainConfig, train
 
 GRASPS, CASES, SEED = 960, 16, 0

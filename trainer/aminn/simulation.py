@@ -1,0 +1,74 @@
+"""The program's way into the simulator, apart from the other stages so that simulating needs no PyTorch."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+from .errors import AminnError
+
+
+def simulation_settings(changes: Sequence[str]) -> dict[str, float]:
+    """Fields of the simulation's configuration from texts NAME=VALUE. Raises AminnError where one is no number."""
+    from aminn_sim import SimulationConfig
+
+    whole = {f.name: f.type == "int" for f in dataclasses.fields(SimulationConfig) if f.type in ("int", "float")}
+    out: dict[str, float] = {}
+    for change in changes:
+        name, equals, text = change.partition("=")
+        if not equals or name not in whole:
+            raise AminnError(f"--set {change}: expected NAME=VALUE with one of {', '.join(whole)}")
+        try:
+            out[name] = int(text) if whole[name] else float(text)
+        except ValueError as error:
+            kind = "an integer" if whole[name] else "a number"
+            raise AminnError(f"--set {change}: {text!r} is not {kind}") from error
+    return out
+
+
+def run_simulation(
+    out: Path,
+    grasps: int,
+    cases: int,
+    seed: int,
+    threads: int | None = None,
+    engine: str = "threads",
+    hand: Path | None = None,
+    json_file: Path | None = None,
+    **settings: object,
+) -> dict:
+    """Simulate a data set into folder `out`, or go on with an unfinished one; returns its manifest.
+
+    `engine` is one of `aminn_sim.engines.ENGINES`, `hand` a hand file; `settings` are further fields of
+    `aminn_sim.SimulationConfig`. `json_file` gets the time it took, if there was anything left to do.
+    """
+    from aminn_sim import SimulationConfig, SimulationError, simulate
+
+    try:
+        config = SimulationConfig(grasps=grasps, cases=cases, seed=seed, **settings)
+        return simulate(config, out, threads=threads or 0, engine=engine, hand=hand, report=json_file)
+    except SimulationError as error:
+        raise AminnError(str(error)) from error
+
+
+def run_gallery(data: Path, count: int, hand: Path | None = None) -> Path:
+    """Draw `count` grasps of the data set in folder `data`; returns the page that shows them."""
+    from aminn_sim import SimulationError
+    from aminn_sim.gallery import gallery
+
+    try:
+        return gallery(data, count, hand)
+    except SimulationError as error:
+        raise AminnError(str(error)) from error
+
+
+def run_card(data: Path) -> Path:
+    """Write the data card of the data set in folder `data`; returns the page."""
+    from aminn_sim import SimulationError
+    from aminn_sim.card import data_card
+
+    try:
+        return data_card(data)
+    except SimulationError as error:
+        raise AminnError(str(error)) from error
