@@ -85,7 +85,7 @@ def test_what_is_told_stands_among_the_inputs_and_changes_the_identity(dataset: 
 def test_marked_tables_are_written_anew() -> None:
     text = "a\n<!-- table: ablation -->\nold\n<!-- end of table -->\nb\n<!-- table: other -->\nc\n<!-- end of table -->"
     new = filled(text, "ablation", {"iid_shipped_seeds": 1, "iid_shipped_f1_mean": 0.5, "iid_shipped_f1_sd": 0.0})
-    assert "old" not in new and "| shipped | 0.500 |" in new and "\nc\n" in new
+    assert "old" not in new and "| **shipped** | 0.500 |" in new and "\nc\n" in new
     assert filled(new, "ablation", {}) != new and filled(text, "paper", {}) == text
 
 

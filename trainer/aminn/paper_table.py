@@ -59,6 +59,27 @@ def _table(head: list[str], rows: list[list[str]]) -> str:
     return "\n".join(f"| {' | '.join(cells)} |" for cells in (head, ["---"] * len(head), *rows))
 
 
+def state(report: Report) -> str:
+    """What the study has behind it."""
+    count = lambda key: f"{int(_number(report, key) or 0)}"  # noqa: E731
+    rows = [
+        ["load cases of the data set", count("dataset_n_samples")],
+        ["trained on", f"{count('train_n_samples')} load cases of {count('train_n_grasps')} grasps"],
+        *(
+            [
+                f"tested on, {text}",
+                f"{count(f'{k}_label_n_samples')} load cases of {count(f'{k}_label_n_grasps')} grasps",
+            ]
+            for k, text in SETS.items()
+        ),
+        ["parameters, AMINN / MLP", f"{count('iid_aminn_n_parameters_mean')} / {count('iid_mlp_n_parameters_mean')}"],
+        ["seeds on all training grasps, AMINN / MLP", f"{count('iid_aminn_seeds')} / {count('iid_mlp_seeds')}"],
+        ["runs done, of those planned", f"{count('runs')} of {count('runs_planned')}"],
+        ["processor time of these runs' training", f"{(_number(report, 'seconds_of_training') or 0) / 60:.0f} min"],
+    ]
+    return _table(["study", ""], rows)
+
+
 def comparison(report: Report) -> str:
     """Every model on every test set, the ground truth's own figures beside them."""
     rows = []
@@ -191,13 +212,19 @@ def noise(report: Report) -> str:
 
 def ablation(report: Report) -> str:
     """Every variant, on validation grasps."""
+    columns = {**{c: COLUMNS[c] for c in ABLATION}, "gates, AUROC": ("gate_auroc", "{:.3f}")}
     names = [k.removeprefix("iid_").removesuffix("_seeds") for k in report if k.endswith("_seeds")]
-    rows = [[name.replace("_", " "), *(_cell(report, f"iid_{name}", *COLUMNS[c]) for c in ABLATION)] for name in names]
-    return _table(["variant", *ABLATION], rows)
+    order = sorted(names, key=lambda name: (name != "shipped", name.startswith("mlp"), "told" in name, name))
+    rows = []
+    for name in order:
+        cells = [_cell(report, f"iid_{name}", *column) for column in columns.values()]
+        rows.append([f"**{name}**" if name == "shipped" else name.replace("_", " "), *cells])
+    return _table(["variant", *columns], rows)
 
 
 TABLES: dict[str, dict[str, Callable[[Report], str]]] = {
     "paper": {
+        "state": state,
         "comparison": comparison,
         "aims": aims,
         "learning": learning_curve,
