@@ -127,9 +127,9 @@ def _print_config(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
 @main.command()
 @click.option("--data", type=EXISTING, required=True, help="Folder that `aminn simulate` wrote.")
 @click.option("--out", type=FOLDER, required=True, help="Folder of the checkpoint; an unfinished run is gone on with.")
-@click.option("--model", "kind", type=click.Choice(["aminn", "mlp"]), default=None, help="Model.  [default: aminn]")
-@click.option("--seed", type=click.IntRange(0), default=None, help="Weights and order of samples.  [default: 0]")
-@click.option("--epochs", type=click.IntRange(1), default=None, help="Passes over the data, each stage.  [default: 60]")
+@click.option("--model", "kind", type=click.Choice(["aminn", "mlp"]), default=None, help="AMINN or the baseline.")
+@click.option("--seed", type=click.IntRange(0), default=None, help="Weights and order of samples.")
+@click.option("--epochs", type=click.IntRange(1), default=None, help="Passes over the data, each stage.")
 @click.option("--config", "file", type=READABLE, default=None, help="TOML file of settings.")
 @click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="One setting; may be repeated.")
 @click.option(
