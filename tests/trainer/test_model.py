@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import math
+from pathlib import Path
+
 import numpy as np
+import pytest
 import torch
 from synthetic import hand
 
 from aminn.baseline import Mlp, n_parameters
+from aminn.checkpoint import load_checkpoint, save_checkpoint
 from aminn.config import MechanicsConfig, ModelConfig
 from aminn.dataset import Dataset
 from aminn.dims import DEBUG_SHAPES, OUTPUT_SHAPES
+from aminn.errors import AminnError
+from aminn.export_tables import export_tables
 from aminn.model import Aminn
 from aminn.nominal import CHOL_COLS, CHOL_ROWS, nominal_from_hand
 
@@ -55,6 +62,43 @@ def test_springs_are_spd_and_tendons_are_unit_for_any_head(dataset: Dataset) -> 
     assert torch.allclose(s.tendon_dir.norm(dim=-1), torch.ones(500, 3), atol=1e-3)
     assert (s.tendon_gain > 0).all()
     assert (s.tendon_dir[:, 2, 0] == 0).all() and (s.k_spring[:, 2, 0, 1:] == 0).all()
+
+
+def test_learned_contact_compliance_starts_at_the_constant_and_is_exported(dataset: Dataset, tmp_path: Path) -> None:
+    config = ModelConfig(mechanics=(MechanicsConfig(eps_m=3e-5, learn_eps_m=True),) * 2)
+    model, fixed = Aminn(config, NOMINAL), Aminn(ModelConfig(mechanics=(MechanicsConfig(eps_m=3e-5),) * 2), NOMINAL)
+    fixed.load_state_dict({k: v for k, v in model.state_dict().items() if not k.endswith("eps_m_change")})
+    x = dataset.inputs()
+    torch.testing.assert_close(model(**x)["dx_ht"], fixed(**x)["dx_ht"])
+    with torch.no_grad():
+        model.stage2.backbone.eps_m_change += math.log(2)
+    save_checkpoint(tmp_path, model, {"tau": 0.5})
+    assert export_tables(load_checkpoint(tmp_path)).meta["eps_m"] == pytest.approx([3e-5, 6e-5])
+
+
+@pytest.mark.parametrize(
+    "options", [{"slip": True}, {"soft_finger": True}, {"heads_see_wrench": False}, {"heads": "free"}], ids=str
+)
+def test_options_give_finite_predictions_without_energy(dataset: Dataset, options: dict, tmp_path: Path) -> None:
+    x = dataset.inputs()
+    model = Aminn(ModelConfig(**options), NOMINAL)
+    out = model(**x)
+    assert all(torch.isfinite(v).all() for v in out.values())
+    assert ((x["w_e"] * out["dx_ht"]).sum(1) > 0).all()
+    save_checkpoint(tmp_path, model, {"tau": 0.5})
+    if options == {"heads": "free"}:
+        assert export_tables(load_checkpoint(tmp_path)).tensors["chol_nom"].std() > 0
+    else:
+        with pytest.raises(AminnError, match="option of the trainer alone"):
+            export_tables(load_checkpoint(tmp_path))
+
+
+def test_heads_that_do_not_see_the_wrench_give_the_same_springs(dataset: Dataset) -> None:
+    x = dataset.inputs()
+    model = Aminn(ModelConfig(heads_see_wrench=False), NOMINAL)
+    again = x | {"w_e": 2 * x["w_e"]}
+    assert torch.equal(model.stage2(x)[1].k_spring, model.stage2(again)[1].k_spring)
+    assert not torch.equal(model.stage1(x)[0], model.stage1(again)[0])
 
 
 def test_contact_less_rows_are_finite(dataset: Dataset) -> None:

@@ -99,7 +99,7 @@ class Backbone(nn.Module):
         for name, size in extra.items():
             setattr(self, name, _near_zero(nn.Linear(config.width, size)) if size else None)
         if mechanics.learn_eps_m:
-            self.log_eps_m = nn.Parameter(torch.tensor(math.log(mechanics.eps_m)))
+            self.eps_m_change = nn.Parameter(torch.zeros(()))  # logarithm: weight decay draws to the constant
         start = nominal if config.heads == "correction" else _uniform(nominal)
         constants = {
             "wrench_log_scale": config.wrench_log_scale,
@@ -152,13 +152,14 @@ class Backbone(nn.Module):
     @property
     def eps_m(self) -> float:
         """Contact compliance of this stage, m/N."""
-        return math.exp(self.log_eps_m.item()) if self.mechanics.learn_eps_m else self.mechanics.eps_m
+        change = math.exp(self.eps_m_change.item()) if self.mechanics.learn_eps_m else 1.0
+        return self.mechanics.eps_m * change
 
     def extras(self, f: Tensor, x: dict[str, Tensor]) -> Extras:
         """The terms beyond the paper's layer that this configuration has, from f (N, width)."""
         extras = Extras(normal=x["contacts"][..., 4:7], normal_force=x["contacts"][..., 7])
         if self.mechanics.learn_eps_m:
-            extras = extras._replace(eps_m=self.log_eps_m.exp())
+            extras = extras._replace(eps_m=self.mechanics.eps_m * self.eps_m_change.exp())
         if self.twist_head is not None:
             extras = extras._replace(twist=TWIST_NOMINAL * torch.exp(4 * torch.tanh(self.twist_head(f))))  # (N, 3)
         if self.slip_head is not None:
