@@ -36,10 +36,14 @@
  *   - All other functions are reentrant.
  *   - Nothing blocks, waits or disables interrupts. There is no iteration: run time does not depend on the input's
  *     values, except that stage 2 is skipped when the grasp is predicted not to hold (see AMINN_FLAG_ALWAYS_STAGE2),
- *     that a rejected input returns early, and by the few branches inside math.h functions. So the worst case is one
- *     prediction with both stages.
+ *     that a rejected input returns early. So the worst case is one prediction with both stages.
  *   - On a core with an FPU the FPU must be enabled, and its registers must be saved around an interrupt that predicts.
- *   - math.h functions are used (expf, logf, tanhf, sinf, cosf, sqrtf). They may set errno.
+ *
+ * DETERMINISM
+ *   The same model and input give the same 32-bit patterns on every target and with every compiler and optimisation level,
+ *   because the order of all operations is fixed, none is fused, and no function of math.h is used but the square root,
+ *   which IEEE 754 rounds correctly. Needs IEEE binary32 with subnormal numbers and round to nearest: leave FPSCR.FZ
+ *   clear on Cortex-M, MXCSR.FTZ and DAZ on x86.
  *
  * ERRORS
  *   Functions return an aminn_status_t: AMINN_OK is 0, every error is negative. Each function says below what its
@@ -82,7 +86,7 @@ extern "C" {
 #define AMINN_VERSION_STRING "0.1.0"
 
 /* Version of the model's layout, in memory and as a blob. A model of another version is refused. */
-#define AMINN_FORMAT_VERSION 1u
+#define AMINN_FORMAT_VERSION 2u
 
 /* ---- Dimensions ------------------------------------------------------------------------------------------------ */
 
@@ -94,11 +98,12 @@ extern "C" {
 #define AMINN_N_STAGE 2           /* stage 1: does it hold? stage 2: how far does it move? */
 
 /* Inputs of the networks, derived from the above. */
-#define AMINN_N_BRANCH_FEATURE (AMINN_N_CONTACT_FEATURE + 3 * AMINN_N_COORD) /* 17 */
-#define AMINN_N_CONTACT_INPUT (AMINN_N_BRANCH * AMINN_N_BRANCH_FEATURE)      /* 51 */
-#define AMINN_N_GLOBAL_INPUT (AMINN_N_JOINT + 3 * AMINN_N_WRENCH)            /* 26 */
-#define AMINN_N_HEAD (AMINN_N_BRANCH * 13)                                   /* 39 */
-#define AMINN_N_AUX (2 * AMINN_N_WRENCH + AMINN_N_BRANCH)                    /* 15 */
+#define AMINN_N_BRANCH_FEATURE (AMINN_N_CONTACT_FEATURE + 3 * AMINN_N_COORD)                          /* 17 */
+#define AMINN_N_CONTACT_INPUT (AMINN_N_BRANCH * AMINN_N_BRANCH_FEATURE)                               /* 51 */
+#define AMINN_N_GLOBAL_INPUT (AMINN_N_JOINT + 3 * AMINN_N_WRENCH)                                     /* 26 */
+#define AMINN_N_HEAD (AMINN_N_BRANCH * 13)                                                            /* 39 */
+#define AMINN_N_AUX (2 * AMINN_N_WRENCH + AMINN_N_BRANCH)                                             /* 15 */
+#define AMINN_N_STATE (AMINN_N_JOINT + 2 * AMINN_N_WRENCH + AMINN_N_BRANCH * AMINN_N_CONTACT_FEATURE) /* 44 */
 
 /* Largest contact_width, width and classifier_width that a context has room for. Define it before the library and its
  * users are compiled (the same for both) to save memory: sizeof(aminn_t) shrinks by 12 bytes for each unit. */
@@ -142,8 +147,12 @@ typedef enum aminn_status { AMINN_STATUS_LIST(AMINN_STATUS_ENUM) } aminn_status_
 #define AMINN_DQ0_STATICS 0u /* from the contact forces: K^-1 B^T f */
 #define AMINN_DQ0_INVERSE 1u /* from the inverse of j_q + eps_jq I */
 
+/* Type of the weights' elements (aminn_model_t.weight_type). */
+#define AMINN_WEIGHTS_FLOAT32 0u /* float */
+#define AMINN_WEIGHTS_FLOAT16 1u /* uint16_t that holds an IEEE binary16: half the flash, same arithmetic in float */
+
 /* Tables and constants of one stage. Widths: HC contact_width, H width. Weights are stored [input][output], so that the
- * product is a sum of contiguous columns. Every pointer is to read-only float tables, normally in flash. */
+ * product is a sum of contiguous rows. Every pointer is to read-only tables, normally in flash, aligned to 4 bytes. */
 typedef struct aminn_stage_model {
     float eps_m;                  /* isotropic contact compliance, m/N, > 0 */
     float eps_kx;                 /* added stiffness, N/m and N.m/rad, > 0 */
@@ -152,13 +161,13 @@ typedef struct aminn_stage_model {
     const float *contact_inv_std; /* (51) */
     const float *global_mean;     /* (26)            normalisation of q, x_ht, w_e, signed log of w_e */
     const float *global_inv_std;  /* (26) */
-    const float *contact_w;       /* (51 x HC)       contact summary */
+    const void *contact_w;        /* (51 x HC)       contact summary */
     const float *contact_b;       /* (HC) */
-    const float *trunk1_w;        /* (HC + 26 x H)   input: contact summary, then global state */
+    const void *trunk1_w;         /* (HC + 26 x H)   input: contact summary, then global state */
     const float *trunk1_b;        /* (H) */
-    const float *trunk2_w;        /* (H x H) */
+    const void *trunk2_w;         /* (H x H) */
     const float *trunk2_b;        /* (H) */
-    const float *head_w;          /* (H x 39)        mechanics head: 13 corrections a branch */
+    const void *head_w;           /* (H x 39)        mechanics head: 13 corrections, each for the 3 branches */
     const float *head_b;          /* (39) */
 } aminn_stage_model_t;
 
@@ -175,6 +184,7 @@ typedef struct aminn_model {
     uint32_t width;                /* H,  1 .. AMINN_MAX_WIDTH */
     uint32_t classifier_width;     /* HD, 1 .. AMINN_MAX_WIDTH */
     uint32_t dq0;                  /* AMINN_DQ0_STATICS or AMINN_DQ0_INVERSE */
+    uint32_t weight_type;          /* AMINN_WEIGHTS_FLOAT32 or AMINN_WEIGHTS_FLOAT16: of the tables that end in _w */
     uint8_t checkpoint_sha256[32]; /* SHA-256 of the checkpoint it was exported from */
     float length_scale;            /* makes rotations and translations comparable, m, > 0 */
     float log_range;               /* springs stay within exp(+-log_range) of nominal, >= 0 */
@@ -189,11 +199,13 @@ typedef struct aminn_model {
     const float *geom_base;        /* (3 x 3)         m, H: where roll and proximal axis of a branch meet */
     const float *geom_axis;        /* (3 x 3 x 3)     unit, H: joint axes at q = 0; zeros where absent */
     const float *geom_link_a;      /* (3 x 3)         m, H: base to distal joint at q = 0 */
+    const float *range_min;        /* (44)            smallest value of each field of aminn_state_t in training, */
+    const float *range_max;        /* (44)            and largest; both widened by 5 % of the range */
     const float *aux_mean;         /* (15)            stage 1's classifier: normalisation of what statics gives */
     const float *aux_inv_std;      /* (15) */
-    const float *cls1_w;           /* (H + 15 x HD)   input: trunk's output, then statics */
+    const void *cls1_w;            /* (H + 15 x HD)   input: trunk's output, then statics */
     const float *cls1_b;           /* (HD) */
-    const float *cls2_w;           /* (HD) */
+    const void *cls2_w;            /* (HD) */
     const float *cls2_b;           /* (1) */
     aminn_stage_model_t stage[AMINN_N_STAGE]; /* 0: stage 1, 1: stage 2 */
 } aminn_model_t;
@@ -234,8 +246,16 @@ typedef struct aminn_input {
     float j_q[AMINN_N_BRANCH][3][AMINN_N_COORD];
 } aminn_input_t;
 
+/* What a caller should know about a prediction (aminn_output_t.notes); bits. */
+#define AMINN_NOTE_OUT_OF_RANGE 1u    /* a field of the state lies outside what the model was trained on: a guess */
+#define AMINN_NOTE_ILL_CONDITIONED 2u /* condition exceeds AMINN_ILL_CONDITIONED: dx_ht may have few correct digits */
+#define AMINN_NOTE_NO_CONTACT 4u      /* no branch is in contact; with AMINN_E_NO_CONTACT */
+
+/* Bound of aminn_output_t.condition beyond which a displacement is noted as ill-conditioned. */
+#define AMINN_ILL_CONDITIONED 1e8F
+
 /* A prediction. dx_ht, k_x and gate are NaN if the grasp is predicted not to hold: it has no displacement to predict.
- * With AMINN_FLAG_ALWAYS_STAGE2 they are always numbers. */
+ * With AMINN_FLAG_ALWAYS_STAGE2 they are always numbers. Springs and tendons: aminn_debug(). */
 typedef struct aminn_output {
     /* probability that the grasp holds, 0 .. 1 */
     float p_stable;
@@ -249,8 +269,15 @@ typedef struct aminn_output {
     /* engagement of each branch's tendon, 0 .. 1 */
     float gate[AMINN_N_BRANCH];
 
+    /* how far apart the stiffnesses of the grasped tool lie: trace(K) trace(K^-1), K the stiffness with lengths divided by
+     * length_scale, of the last stage that ran. At least K's condition number and at most 36 times that. */
+    float condition;
+
     /* 1: the grasp holds (p_stable >= tau); 0: it does not */
     int32_t stable;
+
+    /* AMINN_NOTE_... bits */
+    uint32_t notes;
 } aminn_output_t;
 
 /* What one stage computed on its way, for logging and for comparing runtimes. */
@@ -280,7 +307,7 @@ typedef struct aminn_context {
     float global_input[AMINN_N_GLOBAL_INPUT];
     float layer_in[AMINN_MAX_WIDTH + AMINN_N_CONTACT_INPUT];
     float layer_out[AMINN_MAX_WIDTH];
-    float feature[AMINN_MAX_WIDTH];
+    float feature[AMINN_MAX_WIDTH + AMINN_N_AUX];
     float head[AMINN_N_HEAD];
 } aminn_t;
 

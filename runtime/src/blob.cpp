@@ -1,6 +1,4 @@
 // A model as bytes in memory (docs/model-format.md).
-#include <cstring>
-
 #include "parts.hpp"
 #include "tables.hpp"
 
@@ -24,7 +22,7 @@ struct Header {
     uint32_t width;
     uint32_t classifier_width;
     uint32_t dq0;
-    uint32_t reserved;
+    uint32_t weight_type;
     uint8_t checkpoint_sha256[32];
     float length_scale;
     float log_range;
@@ -82,6 +80,7 @@ void copy_constants(const Header &h, aminn_model_t &m)
     m.width = h.width;
     m.classifier_width = h.classifier_width;
     m.dq0 = h.dq0;
+    m.weight_type = h.weight_type;
     std::memcpy(m.checkpoint_sha256, h.checkpoint_sha256, sizeof m.checkpoint_sha256);
     m.length_scale = h.length_scale;
     m.log_range = h.log_range;
@@ -94,19 +93,20 @@ void copy_constants(const Header &h, aminn_model_t &m)
     }
 }
 
-// point the tables into the blob; false if it is not exactly as long as they are
+// point the tables into the blob, each aligned to 4 bytes; false if it is not exactly as long as they are
 bool place_tables(const uint8_t *bytes, size_t len, aminn_model_t &m)
 {
     size_t at = sizeof(Header);
-    const bool fits = for_each_table(m, [&](const float *&table, uint32_t n) {
-        if ((len - at) / sizeof(float) < n) {
+    for (const TableInfo &table : kTables) {
+        const bool half = table.weights && m.weight_type == AMINN_WEIGHTS_FLOAT16;
+        const size_t size = (table_length(m, table) * (half ? sizeof(uint16_t) : sizeof(float)) + 3u) / 4u * 4u;
+        if (len - at < size) {
             return false;
         }
-        table = reinterpret_cast<const float *>(bytes + at);
-        at += n * sizeof(float);
-        return true;
-    });
-    return fits && at == len;
+        set_table_pointer(m, table, bytes + at);
+        at += size;
+    }
+    return at == len;
 }
 
 bool widths_sane(const aminn_model_t &m)

@@ -7,26 +7,49 @@ namespace {
 // joint that drives each branch coordinate; -1 where there is none
 constexpr int kBranchJoint[kBranch][AMINN_N_COORD] = {{0, 1, 2}, {3, 4, 5}, {-1, 6, 7}};
 
-// v turned about the unit vector axis by angle (Rodrigues)
-Vec3 rotate(const Vec3 &axis, float angle, const Vec3 &v)
+struct Vec3 {
+    float x, y, z;
+};
+
+AMINN_FUNCTION Vec3 load(const float *p)
 {
-    const float s = std::sin(angle);
-    const float c = std::cos(angle);
-    return c * v + s * axis.cross(v) + (1.0F - c) * axis.dot(v) * axis;
+    return {p[0], p[1], p[2]};
+}
+
+AMINN_FUNCTION Vec3 subtract(const Vec3 &a, const Vec3 &b)
+{
+    return {a.x - b.x, a.y - b.y, a.z - b.z};
+}
+
+AMINN_FUNCTION Vec3 cross(const Vec3 &a, const Vec3 &b)
+{
+    return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
+
+// v turned about a unit vector (Rodrigues)
+AMINN_FUNCTION Vec3 turn(const Vec3 &axis, const SineCosine &angle, const Vec3 &v)
+{
+    const Vec3 across = cross(axis, v);
+    const float along = (1.0F - angle.cosine) * ((axis.x * v.x + axis.y * v.y) + axis.z * v.z);
+    return {(angle.cosine * v.x + angle.sine * across.x) + along * axis.x,
+            (angle.cosine * v.y + angle.sine * across.y) + along * axis.y,
+            (angle.cosine * v.z + angle.sine * across.z) + along * axis.z};
 }
 
 // A = [I | -[r]x]
 void tool_side(const Vec3 &r, float (*j_x)[AMINN_N_WRENCH])
 {
-    Mat36Map a(&j_x[0][0]);
-    a.setZero();
-    a(0, 0) = a(1, 1) = a(2, 2) = 1.0F;
-    a(0, 4) = r.z();
-    a(0, 5) = -r.y();
-    a(1, 3) = -r.z();
-    a(1, 5) = r.x();
-    a(2, 3) = r.y();
-    a(2, 4) = -r.x();
+    for (int i = 0; i < 3; ++i) {
+        for (int k = 0; k < AMINN_N_WRENCH; ++k) {
+            j_x[i][k] = i == k ? 1.0F : 0.0F;
+        }
+    }
+    j_x[0][4] = r.z;
+    j_x[0][5] = -r.y;
+    j_x[1][3] = -r.z;
+    j_x[1][5] = r.x;
+    j_x[2][3] = r.y;
+    j_x[2][4] = -r.x;
 }
 
 // -B, B = [z1 x s, z2 x s, z3 x (s - a)], s from the base to the contact; axes and link turned with the joints
@@ -35,41 +58,58 @@ void joint_side(const aminn_model_t &model, int b, const float *q, const Vec3 &c
     const float *axes = model.geom_axis + 9 * b;
     const float *mask = model.coord_mask + 3 * b;
     const int *joint = kBranchJoint[b];
-    const Vec3 z1 = ConstVec3Map(axes);
-    Vec3 z2 = ConstVec3Map(axes + 3);
-    Vec3 z3 = ConstVec3Map(axes + 6);
-    Vec3 a = ConstVec3Map(model.geom_link_a + 3 * b);
-    z3 = rotate(z2, q[joint[1]], z3);
-    a = rotate(z2, q[joint[1]], a);
+    Vec3 z[AMINN_N_COORD] = {load(axes), load(axes + 3), load(axes + 6)};
+    Vec3 a = load(model.geom_link_a + 3 * b);
+    const SineCosine proximal = sine_cosine(q[joint[1]]);
+    z[2] = turn(z[1], proximal, z[2]);
+    a = turn(z[1], proximal, a);
     if (joint[0] >= 0) {
-        const float roll = q[joint[0]];
-        z2 = rotate(z1, roll, z2);
-        z3 = rotate(z1, roll, z3);
-        a = rotate(z1, roll, a);
+        const SineCosine roll = sine_cosine(q[joint[0]]);
+        z[1] = turn(z[0], roll, z[1]);
+        z[2] = turn(z[0], roll, z[2]);
+        a = turn(z[0], roll, a);
     }
-    const Vec3 s = contact - ConstVec3Map(model.geom_base + 3 * b);
-    Mat3Map out(&j_q[0][0]);
-    out.col(0) = -mask[0] * z1.cross(s);
-    out.col(1) = -mask[1] * z2.cross(s);
-    out.col(2) = -mask[2] * z3.cross(s - a);
+    Vec3 arm = subtract(contact, load(model.geom_base + 3 * b));
+    for (int c = 0; c < AMINN_N_COORD; ++c) {
+        if (c == AMINN_N_COORD - 1) {
+            arm = subtract(arm, a);
+        }
+        const Vec3 velocity = cross(z[c], arm);
+        j_q[0][c] = -mask[c] * velocity.x;
+        j_q[1][c] = -mask[c] * velocity.y;
+        j_q[2][c] = -mask[c] * velocity.z;
+    }
+}
+
+void fill(float *values, size_t n, float value)
+{
+    for (size_t i = 0; values != nullptr && i < n; ++i) {
+        values[i] = value;
+    }
 }
 
 } // namespace
 
-void closure(const aminn_model_t &model, const float *q, const float *x_ht,
+bool closure(const aminn_model_t &model, const float *q, const float *x_ht,
              const float (*contacts)[AMINN_N_CONTACT_FEATURE], float (*j_x)[3][AMINN_N_WRENCH],
              float (*j_q)[3][AMINN_N_COORD])
 {
+    for (int i = 0; i < AMINN_N_JOINT; ++i) {
+        if (std::fabs(q[i]) > kMaxAngle) {
+            return false;
+        }
+    }
     for (int b = 0; b < kBranch; ++b) {
         if (contacts[b][0] == 0.0F) {
-            Mat36Map(&j_x[b][0][0]).setZero();
-            Mat3Map(&j_q[b][0][0]).setZero();
+            fill(j_x[b][0], 3 * AMINN_N_WRENCH, 0.0F);
+            fill(j_q[b][0], 3 * AMINN_N_COORD, 0.0F);
             continue;
         }
-        const Vec3 contact = ConstVec3Map(contacts[b] + 1);
-        tool_side(contact - ConstVec3Map(x_ht), j_x[b]);
+        const Vec3 contact = load(contacts[b] + 1);
+        tool_side(subtract(contact, load(x_ht)), j_x[b]);
         joint_side(model, b, q, contact, j_q[b]);
     }
+    return true;
 }
 
 } // namespace aminn
@@ -86,15 +126,12 @@ aminn_status_t aminn_closure(const aminn_model_t *model, const float q[AMINN_N_J
     } else if (!all_finite(q, AMINN_N_JOINT) || !all_finite(x_ht, AMINN_N_WRENCH) ||
                !all_finite(&contacts[0][0], AMINN_N_BRANCH * AMINN_N_CONTACT_FEATURE)) {
         status = AMINN_E_NONFINITE;
-    } else {
-        closure(*model, q, x_ht, contacts, j_x, j_q);
-        return AMINN_OK;
+    } else if (!closure(*model, q, x_ht, contacts, j_x, j_q)) {
+        status = AMINN_E_NUMERIC;
     }
-    if (j_x != nullptr) {
-        Eigen::Map<Mat<AMINN_N_BRANCH * 3 * AMINN_N_WRENCH, 1>>(&j_x[0][0][0]).setConstant(NAN);
-    }
-    if (j_q != nullptr) {
-        Eigen::Map<Mat<AMINN_N_BRANCH * 3 * AMINN_N_COORD, 1>>(&j_q[0][0][0]).setConstant(NAN);
+    if (status != AMINN_OK) {
+        fill(j_x == nullptr ? nullptr : &j_x[0][0][0], AMINN_N_BRANCH * 3 * AMINN_N_WRENCH, NAN);
+        fill(j_q == nullptr ? nullptr : &j_q[0][0][0], AMINN_N_BRANCH * 3 * AMINN_N_COORD, NAN);
     }
     return status;
 }

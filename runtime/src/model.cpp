@@ -20,7 +20,7 @@ bool dims_ok(const aminn_model_t &m)
 bool positive(const float *v, int n)
 {
     for (int i = 0; i < n; ++i) {
-        if (!(v[i] > 0.0F && std::isfinite(v[i]))) {
+        if (!(v[i] > 0.0F && v[i] <= FLT_MAX)) {
             return false;
         }
     }
@@ -30,14 +30,42 @@ bool positive(const float *v, int n)
 bool stage_constants_ok(const aminn_model_t &m, const aminn_stage_model_t &s)
 {
     const bool eps_jq_ok = m.dq0 == AMINN_DQ0_STATICS ? s.eps_jq >= 0.0F : s.eps_jq > 0.0F;
-    return positive(&s.eps_m, 1) && positive(&s.eps_kx, 1) && eps_jq_ok && std::isfinite(s.eps_jq);
+    return positive(&s.eps_m, 1) && positive(&s.eps_kx, 1) && eps_jq_ok && s.eps_jq <= FLT_MAX;
 }
 
 bool constants_ok(const aminn_model_t &m)
 {
-    return (m.dq0 == AMINN_DQ0_STATICS || m.dq0 == AMINN_DQ0_INVERSE) && positive(&m.length_scale, 1) &&
-           positive(&m.displacement_log_scale, 1) && m.log_range >= 0.0F && std::isfinite(m.log_range) &&
-           m.tau >= 0.0F && m.tau <= 1.0F && stage_constants_ok(m, m.stage[0]) && stage_constants_ok(m, m.stage[1]);
+    return m.weight_type <= AMINN_WEIGHTS_FLOAT16 && (m.dq0 == AMINN_DQ0_STATICS || m.dq0 == AMINN_DQ0_INVERSE) &&
+           positive(&m.length_scale, 1) && positive(&m.displacement_log_scale, 1) && m.log_range >= 0.0F &&
+           m.log_range <= FLT_MAX && m.tau >= 0.0F && m.tau <= 1.0F && stage_constants_ok(m, m.stage[0]) &&
+           stage_constants_ok(m, m.stage[1]);
+}
+
+bool all_finite16(const uint16_t *values, uint32_t n)
+{
+    bool ok = true;
+    for (uint32_t i = 0; i < n; ++i) {
+        ok = ok && (values[i] & 0x7C00u) != 0x7C00u;
+    }
+    return ok;
+}
+
+// every table is there, and all of it finite
+bool tables_finite(const aminn_model_t &m)
+{
+    for (const TableInfo &table : kTables) {
+        const void *values = table_pointer(m, table);
+        const uint32_t n = table_length(m, table);
+        if (values == nullptr) {
+            return false;
+        }
+        const bool half = table.weights && m.weight_type == AMINN_WEIGHTS_FLOAT16;
+        if (half ? !all_finite16(static_cast<const uint16_t *>(values), n)
+                 : !all_finite(static_cast<const float *>(values), static_cast<int>(n))) {
+            return false;
+        }
+    }
+    return true;
 }
 
 // finite everywhere is checked before; here the tables that have a sign
@@ -68,8 +96,5 @@ aminn_status_t aminn_model_check(const aminn_model_t *model)
     if (!dims_ok(*model)) {
         return AMINN_E_DIMS;
     }
-    const bool finite = for_each_table(*model, [](const float *table, uint32_t n) {
-        return table != nullptr && all_finite(table, static_cast<int>(n));
-    });
-    return finite && constants_ok(*model) && tables_in_range(*model) ? AMINN_OK : AMINN_E_MODEL;
+    return constants_ok(*model) && tables_finite(*model) && tables_in_range(*model) ? AMINN_OK : AMINN_E_MODEL;
 }

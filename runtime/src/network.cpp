@@ -1,42 +1,23 @@
 // The networks: their inputs, the backbone of a stage, stage 1's classifier.
+#include "dense.hpp"
 #include "parts.hpp"
 
 namespace aminn {
+inline namespace AMINN_CORE {
 namespace {
-
-using Array = Eigen::Map<Eigen::ArrayXf>;
-using ConstArray = Eigen::Map<const Eigen::ArrayXf>;
 
 constexpr int kBranchFeature = AMINN_N_BRANCH_FEATURE;
 
-float signed_log(float v, float scale)
+AMINN_INLINE float signed_log(float v, float scale)
 {
-    return std::copysign(std::log(1.0F + std::fabs(v) / scale), v);
+    return std::copysign(logarithm(1.0F + std::fabs(v) / scale), v);
 }
 
 // out = (v - mean) * inv_std
 void normalise(const float *v, const float *mean, const float *inv_std, int n, float *out)
 {
-    Array(out, n) = (ConstArray(v, n) - ConstArray(mean, n)) * ConstArray(inv_std, n);
-}
-
-// y = W x + b, W stored [input][output], so that y is a sum of contiguous columns:
-//
-//      y      b       w_0        w_1
-//     | | =  | |  +  |   | x0 + |   | x1 + ...
-//
-// four columns a round, to load and store y less often. y must not overlap x.
-void dense(const float *w, const float *b, const float *x, int n_in, int n_out, float *y)
-{
-    Array out(y, n_out);
-    out = ConstArray(b, n_out);
-    int i = 0;
-    for (; i + 4 <= n_in; i += 4, w += 4 * n_out) {
-        out += (ConstArray(w, n_out) * x[i] + ConstArray(w + n_out, n_out) * x[i + 1]) +
-               (ConstArray(w + 2 * n_out, n_out) * x[i + 2] + ConstArray(w + 3 * n_out, n_out) * x[i + 3]);
-    }
-    for (; i < n_in; ++i, w += n_out) {
-        out += ConstArray(w, n_out) * x[i];
+    for (int i = 0; i < n; ++i) {
+        out[i] = (v[i] - mean[i]) * inv_std[i];
     }
 }
 
@@ -49,11 +30,6 @@ void relu(float *y, int n)
 }
 
 } // namespace
-
-float sigmoid(float x)
-{
-    return 1.0F / (1.0F + std::exp(-x));
-}
 
 // contact_input: per branch [c, c * contact features, c * j_q]; global_input: [q, x_ht, w_e, slog(w_e)]
 void make_network_input(const aminn_model_t &model, const aminn_input_t &in, aminn_t &ctx)
@@ -70,14 +46,14 @@ void make_network_input(const aminn_model_t &model, const aminn_input_t &in, ami
         }
     }
     float *g = ctx.global_input;
-    for (int i = 0; i < AMINN_N_JOINT; ++i) {
-        g[i] = in.q[i];
-    }
+    std::memcpy(g, in.q, sizeof in.q);
     g += AMINN_N_JOINT;
+    std::memcpy(g, in.x_ht, sizeof in.x_ht);
+    g += AMINN_N_WRENCH;
+    std::memcpy(g, in.w_e, sizeof in.w_e);
+    g += AMINN_N_WRENCH;
     for (int i = 0; i < AMINN_N_WRENCH; ++i) {
-        g[i] = in.x_ht[i];
-        g[AMINN_N_WRENCH + i] = in.w_e[i];
-        g[2 * AMINN_N_WRENCH + i] = signed_log(in.w_e[i], model.wrench_log_scale[i]);
+        g[i] = signed_log(in.w_e[i], model.wrench_log_scale[i]);
     }
 }
 
@@ -86,39 +62,36 @@ void run_backbone(const aminn_model_t &model, const aminn_stage_model_t &stage, 
 {
     const int hc = static_cast<int>(model.contact_width);
     const int h = static_cast<int>(model.width);
-    normalise(ctx.contact_input, stage.contact_mean, stage.contact_inv_std, AMINN_N_CONTACT_INPUT, ctx.layer_in);
-    dense(stage.contact_w, stage.contact_b, ctx.layer_in, AMINN_N_CONTACT_INPUT, hc, ctx.layer_out);
-    relu(ctx.layer_out, hc);
-
-    Array(ctx.layer_in, hc) = ConstArray(ctx.layer_out, hc);
+    float *contact = ctx.layer_in + AMINN_MAX_WIDTH; // behind what the layer writes
+    normalise(ctx.contact_input, stage.contact_mean, stage.contact_inv_std, AMINN_N_CONTACT_INPUT, contact);
+    dense(stage.contact_w, model.weight_type, stage.contact_b, contact, AMINN_N_CONTACT_INPUT, hc, ctx.layer_in);
+    relu(ctx.layer_in, hc);
     normalise(ctx.global_input, stage.global_mean, stage.global_inv_std, AMINN_N_GLOBAL_INPUT, ctx.layer_in + hc);
-    dense(stage.trunk1_w, stage.trunk1_b, ctx.layer_in, hc + AMINN_N_GLOBAL_INPUT, h, ctx.layer_out);
+    dense(stage.trunk1_w, model.weight_type, stage.trunk1_b, ctx.layer_in, hc + AMINN_N_GLOBAL_INPUT, h, ctx.layer_out);
     relu(ctx.layer_out, h);
-
-    dense(stage.trunk2_w, stage.trunk2_b, ctx.layer_out, h, h, ctx.feature);
+    dense(stage.trunk2_w, model.weight_type, stage.trunk2_b, ctx.layer_out, h, h, ctx.feature);
     relu(ctx.feature, h);
-    dense(stage.head_w, stage.head_b, ctx.feature, h, AMINN_N_HEAD, ctx.head);
+    dense(stage.head_w, model.weight_type, stage.head_b, ctx.feature, h, AMINN_N_HEAD, ctx.head);
 }
 
-// p_stable from ctx.feature and what the statics of stage 1 gave
+// p_stable from ctx.feature, which what the statics of stage 1 gave is appended to
 float classify(const aminn_model_t &model, const StaticsSummary &summary, const float *gate, aminn_t &ctx)
 {
     const int h = static_cast<int>(model.width);
     const int hd = static_cast<int>(model.classifier_width);
     float aux[AMINN_N_AUX];
     for (int i = 0; i < AMINN_N_WRENCH; ++i) {
-        aux[i] = signed_log(summary.x_s(i), model.displacement_log_scale);
-        aux[AMINN_N_WRENCH + i] = std::log(summary.diag_k_s(i));
+        aux[i] = signed_log(summary.x_s[i], model.displacement_log_scale);
+        aux[AMINN_N_WRENCH + i] = logarithm(summary.diag_k_s[i]);
     }
-    for (int b = 0; b < kBranch; ++b) {
-        aux[2 * AMINN_N_WRENCH + b] = gate[b];
-    }
-    Array(ctx.layer_in, h) = ConstArray(ctx.feature, h);
-    normalise(aux, model.aux_mean, model.aux_inv_std, AMINN_N_AUX, ctx.layer_in + h);
-    dense(model.cls1_w, model.cls1_b, ctx.layer_in, h + AMINN_N_AUX, hd, ctx.layer_out);
+    std::memcpy(aux + 2 * AMINN_N_WRENCH, gate, kBranch * sizeof *gate);
+    normalise(aux, model.aux_mean, model.aux_inv_std, AMINN_N_AUX, ctx.feature + h);
+    dense(model.cls1_w, model.weight_type, model.cls1_b, ctx.feature, h + AMINN_N_AUX, hd, ctx.layer_out);
     relu(ctx.layer_out, hd);
-    const float logit = (ConstArray(model.cls2_w, hd) * ConstArray(ctx.layer_out, hd)).sum() + model.cls2_b[0];
+    float logit = 0.0F;
+    dense(model.cls2_w, model.weight_type, model.cls2_b, ctx.layer_out, hd, 1, &logit);
     return sigmoid(logit);
 }
 
+} // namespace AMINN_CORE
 } // namespace aminn

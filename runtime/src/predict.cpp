@@ -1,6 +1,4 @@
-// The public entry points of a prediction: context, checks, the cascade.
-#include <cstring>
-
+// The public entry points of a prediction: context, checks, which core runs.
 #include "parts.hpp"
 
 namespace aminn {
@@ -12,101 +10,86 @@ constexpr uint32_t kKnownFlags = AMINN_FLAG_ALWAYS_STAGE2;
 static_assert(sizeof(aminn_input_t) == 125 * sizeof(float), "aminn_input_t is 125 floats without gaps");
 static_assert(offsetof(aminn_input_t, j_x) == sizeof(aminn_state_t), "aminn_input_t begins as aminn_state_t does");
 
-void set_nan(aminn_output_t &out)
+// "does not hold", and no number
+void clear(aminn_output_t &out)
 {
-    Vec6Map(out.dx_ht).setConstant(NAN);
-    Mat6Map(&out.k_x[0][0]).setConstant(NAN);
-    Vec3Map(out.gate).setConstant(NAN);
+    float numbers[offsetof(aminn_output_t, stable) / sizeof(float)]; // they stand first, without gaps
+    for (float &number : numbers) {
+        number = NAN;
+    }
+    std::memcpy(&out, numbers, sizeof numbers);
+    out.p_stable = 0.0F;
+    out.stable = 0;
+    out.notes = 0;
 }
 
-// what the outputs hold after an error: "does not hold", and no number
 aminn_status_t fail(aminn_status_t status, aminn_output_t *out)
 {
     if (out != nullptr) {
-        set_nan(*out);
-        out->p_stable = 0.0F;
-        out->stable = 0;
+        clear(*out);
+        out->notes = status == AMINN_E_NO_CONTACT ? AMINN_NOTE_NO_CONTACT : 0u;
     }
     return status;
 }
 
-StaticsSummary run_stage(aminn_t &ctx, int i, const Scene &scene, const aminn_input_t &in)
-{
-    const aminn_model_t &model = *ctx.model;
-    run_backbone(model, model.stage[i], ctx);
-    const Springs springs = springs_from_head(model, ctx.head);
-    store_springs(springs, ctx.stage[i]);
-    const StaticsSummary summary = two_pass(model, model.stage[i], springs, scene, in, ctx.stage[i]);
-    ctx.stages_done |= 1u << i;
-    return summary;
+#ifdef AMINN_RT_DISPATCH
+} // namespace
+// the same core, compiled for other instruction sets of this architecture
+namespace core_avx2 {
+bool run_cascade(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out);
 }
-
-void store_response(const aminn_stage_debug_t &stage, aminn_output_t &out)
-{
-    std::memcpy(out.dx_ht, stage.dx, sizeof out.dx_ht);
-    std::memcpy(out.k_x, stage.k_x, sizeof out.k_x);
-    std::memcpy(out.gate, stage.gate, sizeof out.gate);
+namespace core_avx512 {
+bool run_cascade(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out);
 }
+namespace {
 
-// Nothing overflowed, and the load gives its energy to the grasp (w.dx >= 0). The statics ensure the latter unless the
-// stiffnesses lie further apart than float32 can tell, with a tool 1e8 m away for instance: then dx is noise.
-bool sound(const aminn_input_t &in, const aminn_stage_debug_t &stage)
+bool run_best_core(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out)
 {
-    return all_finite(stage.dx, AMINN_N_WRENCH) && all_finite(&stage.k_x[0][0], AMINN_N_WRENCH * AMINN_N_WRENCH) &&
-           all_finite(stage.gate, AMINN_N_BRANCH) && ConstVec6Map(in.w_e).dot(ConstVec6Map(stage.dx)) >= 0.0F;
-}
-
-// the cascade on a checked input; false if a stage's results are not sound
-bool run_cascade(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out)
-{
-    const aminn_model_t &model = *ctx.model;
-    make_network_input(model, in, ctx);
-    const Scene scene = make_scene(model, in);
-    const StaticsSummary summary = run_stage(ctx, 0, scene, in);
-    out.p_stable = classify(model, summary, ctx.stage[0].gate, ctx);
-    if (!std::isfinite(out.p_stable) || !sound(in, ctx.stage[0])) {
-        return false;
+    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl")) {
+        return core_avx512::run_cascade(ctx, in, out);
     }
-    out.stable = out.p_stable >= model.tau ? 1 : 0;
-    if (out.stable == 0 && (ctx.flags & AMINN_FLAG_ALWAYS_STAGE2) == 0) {
-        set_nan(out);
-        return true;
+    if (__builtin_cpu_supports("avx2")) {
+        return core_avx2::run_cascade(ctx, in, out);
     }
-    run_stage(ctx, 1, scene, in);
-    store_response(ctx.stage[1], out);
-    return sound(in, ctx.stage[1]);
+    return AMINN_CORE::run_cascade(ctx, in, out);
 }
+#else
+bool run_best_core(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out)
+{
+    return run_cascade(ctx, in, out);
+}
+#endif
 
 aminn_status_t predict_checked(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out)
 {
-    if (run_cascade(ctx, in, out)) {
-        return AMINN_OK;
+    clear(out);
+    if (!run_best_core(ctx, in, out)) {
+        ctx.stages_done = 0;
+        return fail(AMINN_E_NUMERIC, &out);
     }
-    ctx.stages_done = 0;
-    return fail(AMINN_E_NUMERIC, &out);
+    out.notes = in_training_range(*ctx.model, in.q) ? 0u : AMINN_NOTE_OUT_OF_RANGE;
+    if (out.condition > AMINN_ILL_CONDITIONED) {
+        out.notes |= AMINN_NOTE_ILL_CONDITIONED;
+    }
+    return AMINN_OK;
 }
 
 bool initialised(const aminn_t &ctx)
 {
-    return ctx.tag == kTag && ctx.model != nullptr;
+    return ctx.tag == kTag;
 }
 
-// common to both predict functions; leaves the context without valid stages
-aminn_status_t begin(aminn_t *ctx, const void *in, const aminn_output_t *out)
+// Of both predict functions: the context and the pointers. Leaves the context without valid stages.
+aminn_status_t check_arguments(aminn_t *ctx, const void *in, const aminn_output_t *out)
 {
-    if (ctx == nullptr) {
+    if (ctx == nullptr || in == nullptr || out == nullptr) {
         return AMINN_E_NULL;
     }
     if (!initialised(*ctx)) {
-        return in == nullptr || out == nullptr ? AMINN_E_NULL : AMINN_E_NOT_INITIALISED;
+        return AMINN_E_NOT_INITIALISED;
     }
     ctx->stages_done = 0;
-    return in == nullptr || out == nullptr ? AMINN_E_NULL : AMINN_OK;
-}
-
-aminn_status_t check_numbers(const float *in, size_t bytes)
-{
-    return all_finite(in, static_cast<int>(bytes / sizeof(float))) ? AMINN_OK : AMINN_E_NONFINITE;
+    return AMINN_OK;
 }
 
 } // namespace
@@ -137,31 +120,27 @@ aminn_status_t aminn_init_sized(aminn_t *ctx, size_t ctx_size, const aminn_model
 
 aminn_status_t aminn_predict(aminn_t *ctx, const aminn_input_t *in, aminn_output_t *out)
 {
-    aminn_status_t status = begin(ctx, in, out);
+    aminn_status_t status = check_arguments(ctx, in, out);
     if (status == AMINN_OK) {
-        status = check_numbers(in->q, sizeof *in);
-    }
-    if (status == AMINN_OK) {
-        status = check_state(in->x_ht, in->contacts);
+        status = check_input(in->q, sizeof *in / sizeof(float), in->x_ht, in->contacts);
     }
     return status == AMINN_OK ? predict_checked(*ctx, *in, *out) : fail(status, out);
 }
 
 aminn_status_t aminn_predict_state(aminn_t *ctx, const aminn_state_t *state, aminn_output_t *out)
 {
-    aminn_status_t status = begin(ctx, state, out);
+    aminn_status_t status = check_arguments(ctx, state, out);
     if (status == AMINN_OK) {
-        status = check_numbers(state->q, sizeof *state);
-    }
-    if (status == AMINN_OK) {
-        status = check_state(state->x_ht, state->contacts);
+        status = check_input(state->q, sizeof *state / sizeof(float), state->x_ht, state->contacts);
     }
     if (status != AMINN_OK) {
         return fail(status, out);
     }
     aminn_input_t &in = ctx->input;
     std::memcpy(&in, state, sizeof *state);
-    closure(*ctx->model, in.q, in.x_ht, in.contacts, in.j_x, in.j_q);
+    if (!closure(*ctx->model, in.q, in.x_ht, in.contacts, in.j_x, in.j_q)) {
+        return fail(AMINN_E_NUMERIC, out);
+    }
     return predict_checked(*ctx, in, *out);
 }
 

@@ -2,32 +2,99 @@
 #ifndef AMINN_SRC_TABLES_HPP
 #define AMINN_SRC_TABLES_HPP
 
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+
 #include "aminn_rt.h"
 
 namespace aminn {
 
-// Calls f(table pointer, number of floats) for every table until f returns false; returns whether none did. Model is
-// aminn_model_t, const or not. The widths in the model must be set.
-template <class Model, class F>
-bool for_each_table(Model &m, F f)
+// What a table's length is made of: rows times columns, each a number or a width of the model.
+enum Extent : uint8_t {
+    kOne = 0,
+    kContactWidth = 201,
+    kWidth,
+    kClassifierWidth,
+    kTrunkInput,      // contact_width + global input
+    kClassifierInput, // width + aux
+};
+
+struct TableInfo {
+    uint16_t offset; // of the pointer, in aminn_model_t
+    uint8_t rows;
+    uint8_t columns;
+    bool weights; // of the model's weight_type, else float
+};
+
+#define AMINN_TABLE(field, rows, columns, weights) {offsetof(aminn_model_t, field), rows, columns, weights}
+#define AMINN_STAGE_TABLES(i)                                                                                        \
+    AMINN_TABLE(stage[i].contact_mean, AMINN_N_CONTACT_INPUT, 1, false),                                             \
+        AMINN_TABLE(stage[i].contact_inv_std, AMINN_N_CONTACT_INPUT, 1, false),                                      \
+        AMINN_TABLE(stage[i].global_mean, AMINN_N_GLOBAL_INPUT, 1, false),                                           \
+        AMINN_TABLE(stage[i].global_inv_std, AMINN_N_GLOBAL_INPUT, 1, false),                                        \
+        AMINN_TABLE(stage[i].contact_w, AMINN_N_CONTACT_INPUT, kContactWidth, true),                                 \
+        AMINN_TABLE(stage[i].contact_b, kContactWidth, 1, false),                                                    \
+        AMINN_TABLE(stage[i].trunk1_w, kTrunkInput, kWidth, true), AMINN_TABLE(stage[i].trunk1_b, kWidth, 1, false), \
+        AMINN_TABLE(stage[i].trunk2_w, kWidth, kWidth, true), AMINN_TABLE(stage[i].trunk2_b, kWidth, 1, false),      \
+        AMINN_TABLE(stage[i].head_w, kWidth, AMINN_N_HEAD, true), AMINN_TABLE(stage[i].head_b, AMINN_N_HEAD, 1, false)
+
+constexpr TableInfo kTables[] = {
+    AMINN_TABLE(wrench_log_scale, AMINN_N_WRENCH, 1, false),
+    AMINN_TABLE(chol_nom, AMINN_N_BRANCH, 6, false),
+    AMINN_TABLE(tendon_dir_nom, AMINN_N_BRANCH, AMINN_N_COORD, false),
+    AMINN_TABLE(tendon_gain_nom, AMINN_N_BRANCH, 1, false),
+    AMINN_TABLE(gate_nom, 3, 1, false),
+    AMINN_TABLE(coord_mask, AMINN_N_BRANCH, AMINN_N_COORD, false),
+    AMINN_TABLE(geom_base, AMINN_N_BRANCH, 3, false),
+    AMINN_TABLE(geom_axis, AMINN_N_BRANCH, AMINN_N_COORD * 3, false),
+    AMINN_TABLE(geom_link_a, AMINN_N_BRANCH, 3, false),
+    AMINN_TABLE(range_min, AMINN_N_STATE, 1, false),
+    AMINN_TABLE(range_max, AMINN_N_STATE, 1, false),
+    AMINN_STAGE_TABLES(0),
+    AMINN_STAGE_TABLES(1),
+    AMINN_TABLE(aux_mean, AMINN_N_AUX, 1, false),
+    AMINN_TABLE(aux_inv_std, AMINN_N_AUX, 1, false),
+    AMINN_TABLE(cls1_w, kClassifierInput, kClassifierWidth, true),
+    AMINN_TABLE(cls1_b, kClassifierWidth, 1, false),
+    AMINN_TABLE(cls2_w, kClassifierWidth, 1, true),
+    AMINN_TABLE(cls2_b, 1, 1, false),
+};
+
+inline uint32_t extent(const aminn_model_t &m, uint8_t code)
 {
-    const uint32_t hc = m.contact_width;
-    const uint32_t h = m.width;
-    const uint32_t hd = m.classifier_width;
-    const uint32_t nb = AMINN_N_BRANCH;
-    const uint32_t nc = AMINN_N_COORD;
-    bool ok = f(m.wrench_log_scale, AMINN_N_WRENCH) && f(m.chol_nom, nb * 6) && f(m.tendon_dir_nom, nb * nc) &&
-              f(m.tendon_gain_nom, nb) && f(m.gate_nom, 3) && f(m.coord_mask, nb * nc) && f(m.geom_base, nb * 3) &&
-              f(m.geom_axis, nb * nc * 3) && f(m.geom_link_a, nb * 3);
-    for (auto &s : m.stage) {
-        ok = ok && f(s.contact_mean, AMINN_N_CONTACT_INPUT) && f(s.contact_inv_std, AMINN_N_CONTACT_INPUT) &&
-             f(s.global_mean, AMINN_N_GLOBAL_INPUT) && f(s.global_inv_std, AMINN_N_GLOBAL_INPUT) &&
-             f(s.contact_w, AMINN_N_CONTACT_INPUT * hc) && f(s.contact_b, hc) &&
-             f(s.trunk1_w, (hc + AMINN_N_GLOBAL_INPUT) * h) && f(s.trunk1_b, h) && f(s.trunk2_w, h * h) &&
-             f(s.trunk2_b, h) && f(s.head_w, h * AMINN_N_HEAD) && f(s.head_b, AMINN_N_HEAD);
+    switch (code) {
+    case kContactWidth:
+        return m.contact_width;
+    case kWidth:
+        return m.width;
+    case kClassifierWidth:
+        return m.classifier_width;
+    case kTrunkInput:
+        return m.contact_width + AMINN_N_GLOBAL_INPUT;
+    case kClassifierInput:
+        return m.width + AMINN_N_AUX;
+    default:
+        return code;
     }
-    return ok && f(m.aux_mean, AMINN_N_AUX) && f(m.aux_inv_std, AMINN_N_AUX) && f(m.cls1_w, (h + AMINN_N_AUX) * hd) &&
-           f(m.cls1_b, hd) && f(m.cls2_w, hd) && f(m.cls2_b, 1);
+}
+
+// Elements of a table. The widths in the model must be set.
+inline uint32_t table_length(const aminn_model_t &m, const TableInfo &table)
+{
+    return extent(m, table.rows) * extent(m, table.columns);
+}
+
+inline const void *table_pointer(const aminn_model_t &m, const TableInfo &table)
+{
+    const void *pointer = nullptr;
+    std::memcpy(&pointer, reinterpret_cast<const char *>(&m) + table.offset, sizeof pointer);
+    return pointer;
+}
+
+inline void set_table_pointer(aminn_model_t &m, const TableInfo &table, const void *pointer)
+{
+    std::memcpy(reinterpret_cast<char *>(&m) + table.offset, &pointer, sizeof pointer);
 }
 
 } // namespace aminn

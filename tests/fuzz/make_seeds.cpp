@@ -29,7 +29,7 @@ void put(Bytes &bytes, const T &value)
 void put_header(Bytes &bytes, const aminn_model_t &m)
 {
     for (uint32_t v : {kMagic, m.format_version, 0u, 0u, m.n_branch, m.n_coord, m.n_joint, m.n_contact_feature,
-                       m.n_wrench, m.contact_width, m.width, m.classifier_width, m.dq0, 0u}) {
+                       m.n_wrench, m.contact_width, m.width, m.classifier_width, m.dq0, m.weight_type}) {
         put(bytes, v);
     }
     put(bytes, m.checkpoint_sha256);
@@ -44,12 +44,13 @@ Bytes blob_of(const aminn_model_t &m)
 {
     Bytes bytes;
     put_header(bytes, m);
-    aminn::for_each_table(m, [&](const float *table, uint32_t n) {
-        for (uint32_t i = 0; i < n; ++i) {
-            put(bytes, table[i]);
+    for (const aminn::TableInfo &table : aminn::kTables) {
+        const auto *values =
+            static_cast<const float *>(aminn::table_pointer(m, table)); // the seeds' weights are float32
+        for (uint32_t i = 0; i < aminn::table_length(m, table); ++i) {
+            put(bytes, values[i]);
         }
-        return true;
-    });
+    }
     fuzz::seal_blob(bytes.data(), bytes.size());
     return bytes;
 }

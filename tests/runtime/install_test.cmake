@@ -30,6 +30,25 @@ if(NOT OUTPUT MATCHES "9\\.0")
   message(FATAL_ERROR "the wrong version was refused for another reason:\n${OUTPUT}")
 endif()
 
+# any other minor version is another interface, older or newer; the same one, exactly asked for, is found
+foreach(WANTED 0.2 1.0 0.1.1)
+  run(fail ${CONFIGURE} -B "${WORK}/wrong-${WANTED}" -DAMINN_RT_WANTED=${WANTED})
+endforeach()
+run(ok ${CONFIGURE} -B "${WORK}/exact" "-DAMINN_RT_WANTED=0.1.0\;EXACT")
+
+# the installed package from C++
+file(WRITE "${WORK}/cpp/main.cpp" "#include <aminn_model.h>\n#include <cstdio>\nint main() { std::puts(aminn_version()); static aminn_t ctx; return aminn_init(&ctx, &aminn_model, 0); }\n")
+file(WRITE "${WORK}/cpp/CMakeLists.txt" "cmake_minimum_required(VERSION 3.22)
+project(user LANGUAGES C CXX)
+find_package(aminn_rt 0.1 REQUIRED)
+add_executable(user main.cpp ${SOURCE}/tests/golden/aminn_model.c)
+target_include_directories(user PRIVATE ${SOURCE}/tests/golden)
+target_link_libraries(user PRIVATE aminn_rt::aminn_rt)
+")
+run(ok ${CMAKE_COMMAND} -S "${WORK}/cpp" -B "${WORK}/cpp/build" -G ${GENERATOR} -DCMAKE_PREFIX_PATH=${PREFIX})
+run(ok ${CMAKE_COMMAND} --build "${WORK}/cpp/build")
+run(ok "${WORK}/cpp/build/user")
+
 find_program(PKG_CONFIG NAMES pkg-config pkgconf)
 if(NOT PKG_CONFIG)
   message(STATUS "no pkg-config here: aminn_rt.pc was not tried")

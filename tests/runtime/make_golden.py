@@ -1,6 +1,6 @@
-"""Write the small second model of the runtime's tests (random weights, other widths, "inverse") into tests/golden.
+"""Write the small models of the runtime's tests (random weights, other widths, "inverse", float16) into tests/golden.
 
-    python tests/runtime/make_golden.py            # tiny_model.c/.h and tiny_golden.bin
+    python tests/runtime/make_golden.py            # tiny_model, half_model and their golden vectors
 
 The trained reference model beside it comes from `make golden`.
 Its reference outputs are the float64 oracle's. Deterministic: running it again changes nothing.
@@ -11,17 +11,20 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from runtime_models import RandomModel, random_inputs, random_model
+from runtime_models import random_inputs, random_model
 
 from aminn.dims import OUTPUT_SHAPES
+from aminn_export.bin_model import write_bin_model
 from aminn_export.c_model import write_c_model
 from aminn_export.reference import Reference
+from aminn_export.tables import Exported
 from aminn_export.vectors import write_vectors
+from aminn_export.weights import float16_model
 
 GOLDEN = Path(__file__).resolve().parent.parent / "golden"
 
 
-def write_golden(model: RandomModel, path: Path, n: int, seed: int) -> None:
+def write_golden(model: Exported, path: Path, n: int, seed: int) -> None:
     """Vector file of n random states with the oracle's outputs."""
     inputs = random_inputs(n, seed)
     out = Reference(model)(inputs)
@@ -38,6 +41,10 @@ def main() -> None:
     tiny = random_model(7, widths=(5, 9, 7), dq0="inverse")
     write_c_model(tiny, args.out, "tiny_model")
     write_golden(tiny, args.out / "tiny_golden.bin", 48, 11)
+    half = float16_model(random_model(3, widths=(28, 33, 17)))
+    write_c_model(half, args.out, "half_model")
+    write_bin_model(half, args.out / "half_blob.bin")
+    write_golden(half, args.out / "half_golden.bin", 48, 12)
     print(f"Written to {args.out}")
 
 

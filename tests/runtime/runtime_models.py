@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from aminn.dims import BRANCH_JOINTS, BRANCHES, JOINTS, N_BRANCH
 from aminn_export.layout import classifier_shapes, stage_shapes
+from aminn_export.ranges import state_ranges
 from aminn_export.tables import STAGES
 
 LINK_A_M = 0.055
@@ -66,6 +67,7 @@ def random_model(
         tensors |= {f"{stage}.{k}": v for k, v in _fit_normalisers(random_inputs(512, seed + 1)).items()}
     for name, shape in classifier_shapes(h, hd).items():
         tensors[f"s1.{name}"] = _random_table(rng, name, shape)
+    tensors |= state_ranges(random_inputs(512, seed + 1))
     tensors["s1.aux_mean"][:] = [0] * 6 + [8] * 6 + [0.5] * 3
     tensors["s1.aux_inv_std"][:] = [0.5] * 6 + [0.7] * 6 + [2.0] * 3
     tensors = {name: np.asarray(value, np.float32) for name, value in tensors.items()}

@@ -169,12 +169,25 @@ static void a_sealed_blob_is_checked_too(void)
     assert_refused(AMINN_E_MODEL, blob, size);
 }
 
+static void widths_beyond_the_runtime_are_refused(void)
+{
+    size_t offset;
+    for (offset = 36; offset <= 44; offset += 4) { /* contact_width, width, classifier_width */
+        const uint32_t kept = get_u32(offset);
+        put_u32(offset, AMINN_MAX_WIDTH + 1);
+        seal();
+        assert_refused(AMINN_E_DIMS, blob, size);
+        put_u32(offset, kept);
+    }
+}
+
 int main(void)
 {
     UNITY_BEGIN();
     RUN_TEST(a_good_blob_is_used_in_place);
     RUN_TEST(it_holds_what_the_c_source_holds);
     RUN_TEST(null_arguments_are_refused);
+    RUN_TEST(widths_beyond_the_runtime_are_refused);
     RUN_TEST(a_misaligned_blob_is_refused);
     RUN_TEST(every_truncation_is_refused);
     RUN_TEST(a_wrong_magic_version_or_size_is_named);

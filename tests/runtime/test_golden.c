@@ -6,6 +6,7 @@
 #include <stdlib.h>
 
 #include "aminn_model.h"
+#include "half_model.h"
 #include "support.h"
 #include "tiny_model.h"
 
@@ -144,9 +145,33 @@ static void the_second_model_agrees(void)
     free_golden(&g);
 }
 
+/* weights of 2 bytes, as C tables and as a blob */
+static void float16_weights_agree(void)
+{
+    golden_t g = load_golden(GOLDEN_DIR "/half_golden.bin");
+    static aminn_t other;
+    aminn_model_t model;
+    size_t size = 0;
+    void *blob = load_file(GOLDEN_DIR "/half_blob.bin", &size);
+    uint32_t s;
+    TEST_ASSERT_EQUAL_UINT32(AMINN_WEIGHTS_FLOAT16, half_model.weight_type);
+    assert_parity("half_model.c against float64", &half_model, &g, 1);
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_model_from_blob(blob, size, &model));
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&other, &model, AMINN_FLAG_ALWAYS_STAGE2));
+    for (s = 0; s < g.n; ++s) {
+        aminn_output_t a, b;
+        TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict(&ctx, &g.inputs[s], &a));
+        TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict(&other, &g.inputs[s], &b));
+        assert_same_output(&a, &b);
+    }
+    free(blob);
+    free_golden(&g);
+}
+
 int main(void)
 {
     UNITY_BEGIN();
+    RUN_TEST(float16_weights_agree);
     RUN_TEST(the_compiled_model_agrees);
     RUN_TEST(the_blob_gives_the_same_bits);
     RUN_TEST(the_second_model_agrees);

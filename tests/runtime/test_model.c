@@ -1,5 +1,6 @@
 /* model.cpp: aminn_model_check refuses what it cannot use */
 #include "aminn_model.h"
+#include "half_model.h"
 #include "support.h"
 
 static aminn_model_t model;
@@ -84,30 +85,47 @@ static void widths_are_bounded(void)
     REFUSED(AMINN_OK);
 }
 
+#define REFUSED_WITHOUT(table)          \
+    do {                                \
+        const void *kept = model.table; \
+        model.table = NULL;             \
+        REFUSED(AMINN_E_MODEL);         \
+        model.table = kept;             \
+    } while (0)
+
 static void a_missing_table_is_refused(void)
 {
-    const float **shared[] = {&model.wrench_log_scale, &model.chol_nom,   &model.tendon_dir_nom, &model.tendon_gain_nom,
-                              &model.gate_nom,         &model.coord_mask, &model.geom_base,      &model.geom_axis,
-                              &model.geom_link_a,      &model.aux_mean,   &model.aux_inv_std,    &model.cls1_w,
-                              &model.cls1_b,           &model.cls2_w,     &model.cls2_b};
-    size_t i, k;
-    for (i = 0; i < sizeof shared / sizeof shared[0]; ++i) {
-        const float *kept = *shared[i];
-        *shared[i] = NULL;
-        REFUSED(AMINN_E_MODEL);
-        *shared[i] = kept;
-    }
+    size_t k;
+    REFUSED_WITHOUT(wrench_log_scale);
+    REFUSED_WITHOUT(chol_nom);
+    REFUSED_WITHOUT(tendon_dir_nom);
+    REFUSED_WITHOUT(tendon_gain_nom);
+    REFUSED_WITHOUT(gate_nom);
+    REFUSED_WITHOUT(coord_mask);
+    REFUSED_WITHOUT(geom_base);
+    REFUSED_WITHOUT(geom_axis);
+    REFUSED_WITHOUT(geom_link_a);
+    REFUSED_WITHOUT(range_min);
+    REFUSED_WITHOUT(range_max);
+    REFUSED_WITHOUT(aux_mean);
+    REFUSED_WITHOUT(aux_inv_std);
+    REFUSED_WITHOUT(cls1_w);
+    REFUSED_WITHOUT(cls1_b);
+    REFUSED_WITHOUT(cls2_w);
+    REFUSED_WITHOUT(cls2_b);
     for (k = 0; k < AMINN_N_STAGE; ++k) {
-        aminn_stage_model_t *s = &model.stage[k];
-        const float **tables[] = {&s->contact_mean, &s->contact_inv_std, &s->global_mean, &s->global_inv_std,
-                                  &s->contact_w,    &s->contact_b,       &s->trunk1_w,    &s->trunk1_b,
-                                  &s->trunk2_w,     &s->trunk2_b,        &s->head_w,      &s->head_b};
-        for (i = 0; i < sizeof tables / sizeof tables[0]; ++i) {
-            const float *kept = *tables[i];
-            *tables[i] = NULL;
-            REFUSED(AMINN_E_MODEL);
-            *tables[i] = kept;
-        }
+        REFUSED_WITHOUT(stage[k].contact_mean);
+        REFUSED_WITHOUT(stage[k].contact_inv_std);
+        REFUSED_WITHOUT(stage[k].global_mean);
+        REFUSED_WITHOUT(stage[k].global_inv_std);
+        REFUSED_WITHOUT(stage[k].contact_w);
+        REFUSED_WITHOUT(stage[k].contact_b);
+        REFUSED_WITHOUT(stage[k].trunk1_w);
+        REFUSED_WITHOUT(stage[k].trunk1_b);
+        REFUSED_WITHOUT(stage[k].trunk2_w);
+        REFUSED_WITHOUT(stage[k].trunk2_b);
+        REFUSED_WITHOUT(stage[k].head_w);
+        REFUSED_WITHOUT(stage[k].head_b);
     }
     REFUSED(AMINN_OK);
 }
@@ -122,8 +140,28 @@ static void a_weight_that_is_no_number_is_refused(void)
     REFUSED_VALUE(geom_axis, 27, 26, NAN);
 }
 
+static void a_float16_weight_that_is_no_number_is_refused(void)
+{
+    static uint16_t weights[AMINN_N_CONTACT_INPUT * 64];
+    aminn_model_t half = half_model;
+    const size_t n = (size_t)AMINN_N_CONTACT_INPUT * half.contact_width;
+    TEST_ASSERT_TRUE(n <= sizeof weights / sizeof weights[0]);
+    memcpy(weights, half.stage[1].contact_w, n * sizeof weights[0]);
+    half.stage[1].contact_w = weights;
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_model_check(&half));
+    weights[0] = 0x7C00u; /* infinity */
+    TEST_ASSERT_EQUAL_INT(AMINN_E_MODEL, aminn_model_check(&half));
+    weights[0] = 0;
+    weights[n - 1] = 0xFE00u; /* NaN */
+    TEST_ASSERT_EQUAL_INT(AMINN_E_MODEL, aminn_model_check(&half));
+    half.weight_type = 2;
+    TEST_ASSERT_EQUAL_INT(AMINN_E_MODEL, aminn_model_check(&half));
+}
+
 static void constants_out_of_range_are_refused(void)
 {
+    REFUSED_SCALAR(stage[1].eps_jq, INFINITY);
+    REFUSED_SCALAR(log_range, INFINITY);
     REFUSED_VALUE(wrench_log_scale, 6, 5, 0.0F);
     REFUSED_VALUE(chol_nom, 18, 12, -1.0F);
     REFUSED_VALUE(tendon_gain_nom, 3, 1, 0.0F);
@@ -152,6 +190,7 @@ int main(void)
     RUN_TEST(widths_are_bounded);
     RUN_TEST(a_missing_table_is_refused);
     RUN_TEST(a_weight_that_is_no_number_is_refused);
+    RUN_TEST(a_float16_weight_that_is_no_number_is_refused);
     RUN_TEST(constants_out_of_range_are_refused);
     return UNITY_END();
 }

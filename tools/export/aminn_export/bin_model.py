@@ -14,13 +14,26 @@ from numpy.typing import NDArray
 from aminn.dims import BRANCH_JOINTS, BRANCHES, JOINTS, N_BRANCH, N_CONTACT_FEATURE, N_COORD, N_JOINT, N_WRENCH
 from aminn.errors import AminnError
 
-from .layout import DQ0_CODES, FORMAT_VERSION, SCALARS, STAGE_SCALARS, layout_of, tensor_name, tensor_order
+from .layout import (
+    DQ0_CODES,
+    FORMAT_VERSION,
+    SCALARS,
+    STAGE_SCALARS,
+    TABLES_VERSION,
+    WEIGHT_CODES,
+    WEIGHT_TYPES,
+    is_weight,
+    layout_of,
+    restored,
+    tensor_name,
+    tensor_order,
+)
 from .tables import Exported
 
 MAGIC = 0x4D4E4D41  # "AMNM"
 DIMS = (N_BRANCH, N_COORD, N_JOINT, N_CONTACT_FEATURE, N_WRENCH)
 _HEAD = struct.Struct("<4I")  # magic, format version, size, CRC-32 of what follows
-_BODY = struct.Struct("<5I3I2I32s4f6f")  # dimensions, widths, dq0 and reserved, SHA-256, scalars, stage scalars
+_BODY = struct.Struct("<5I3I2I32s4f6f")  # dimensions, widths, dq0 and weights, SHA-256, scalars, stage scalars
 
 
 @dataclass(frozen=True)
@@ -41,13 +54,20 @@ def write_atomically(path: Path, content: bytes) -> None:
         partial.unlink(missing_ok=True)
 
 
+def _padded(table: bytes) -> bytes:
+    """A table's bytes up to the next multiple of 4."""
+    return table + bytes(-len(table) % 4)
+
+
 def bin_model_bytes(exported: Exported) -> bytes:
     """The blob. The same model gives the same bytes."""
     layout = layout_of(exported)
     scalars = [float(layout.scalars[name]) for name in SCALARS]
     stage_scalars = [float(v) for name in STAGE_SCALARS for v in layout.stage_scalars[name]]
-    body = _BODY.pack(*DIMS, *layout.widths, DQ0_CODES[layout.dq0], 0, layout.sha256, *scalars, *stage_scalars)
-    body += b"".join(table.values.astype("<f4").tobytes() for table in layout.tables)
+    codes = (DQ0_CODES[layout.dq0], WEIGHT_CODES[layout.weights])
+    body = _BODY.pack(*DIMS, *layout.widths, *codes, layout.sha256, *scalars, *stage_scalars)
+    for table in layout.tables:
+        body += _padded(table.values.astype(table.values.dtype.newbyteorder("<")).tobytes())
     return _HEAD.pack(MAGIC, FORMAT_VERSION, _HEAD.size + len(body), zlib.crc32(body)) + body
 
 
@@ -79,25 +99,31 @@ def read_bin_model(path: Path | str) -> BinModel:
     fields = _BODY.unpack_from(blob, _HEAD.size)
     if fields[:5] != DIMS:
         raise AminnError(f"{path}: dimensions {fields[:5]}, this program knows {DIMS}")
-    hc, h, hd, dq0 = fields[5:9]
-    order = tensor_order(hc, h, hd)
+    hc, h, hd, dq0, weights = fields[5:10]
+    names = {code: name for name, code in DQ0_CODES.items()}, {code: name for name, code in WEIGHT_CODES.items()}
+    if dq0 not in names[0] or weights not in names[1]:
+        raise AminnError(f"{path}: dq0 {dq0} or weights {weights} is not what this program knows")
+    tables = [
+        (owner, field, shape, np.dtype(WEIGHT_TYPES[names[1][weights]] if is_weight(field) else np.float32))
+        for owner, field, shape in tensor_order(hc, h, hd)
+    ]
     at = _HEAD.size + _BODY.size
-    if at + 4 * sum(int(np.prod(shape)) for _, _, shape in order) != len(blob):
+    if at + sum(-(-int(np.prod(shape)) * dtype.itemsize // 4) * 4 for _, _, shape, dtype in tables) != len(blob):
         raise AminnError(f"{path}: its length does not fit its widths {hc}, {h}, {hd}")
     tensors = {}
-    for owner, field, shape in order:
-        stored = shape[::-1] if field.endswith("_w") else shape
-        flat = np.frombuffer(blob, "<f4", int(np.prod(shape)), at).reshape(stored)
-        at += flat.nbytes
-        tensors[tensor_name(owner, field)] = np.array(flat.T if field.endswith("_w") else flat, np.float32, order="C")
+    for owner, field, shape, dtype in tables:
+        flat = np.frombuffer(blob, dtype.newbyteorder("<"), int(np.prod(shape)), at)
+        at += -(-flat.nbytes // 4) * 4
+        tensors[tensor_name(owner, field)] = restored(field, flat, shape)
     meta = dict(zip(SCALARS, fields[11:15], strict=True))
     meta |= {name: list(fields[15 + 2 * i : 17 + 2 * i]) for i, name in enumerate(STAGE_SCALARS)}
     meta |= {
-        "format_version": FORMAT_VERSION,
+        "format_version": TABLES_VERSION,
+        "weights": names[1][weights],
         "contact_width": hc,
         "width": h,
         "classifier_width": hd,
-        "dq0": {code: name for name, code in DQ0_CODES.items()}[dq0],
+        "dq0": names[0][dq0],
         "checkpoint_sha256": fields[10].hex(),
         "branches": list(BRANCHES),
         "joints": list(JOINTS),

@@ -55,10 +55,12 @@ def _symbol(prefix: str, table: Table) -> str:
     return "_".join(part for part in (prefix, table.owner, table.field) if part)
 
 
-def _array(name: str, values: NDArray[np.float32]) -> str:
-    words = [float_literal(v) for v in values]
+def _array(name: str, values: NDArray[np.floating]) -> str:
+    half = values.dtype == np.float16
+    words = [f"0x{v:04x}u" for v in values.view(np.uint16)] if half else [float_literal(v) for v in values]
     lines = [", ".join(words[i : i + _VALUES_PER_LINE]) for i in range(0, len(words), _VALUES_PER_LINE)]
-    return f"static const float {name}[{len(words)}] = {{\n    " + ",\n    ".join(lines) + "};\n"
+    kind = "uint16_t" if half else "float"
+    return f"static const {kind} {name}[{len(words)}] = {{\n    " + ",\n    ".join(lines) + "};\n"
 
 
 def _stage(prefix: str, layout: Layout, i: int) -> list[str]:
@@ -70,7 +72,7 @@ def _model(prefix: str, layout: Layout) -> str:
     lines = [f".format_version = {FORMAT_VERSION}u,"]
     lines += [f".{name} = {value}u," for name, value in _DIMS.items()]
     lines += [f".{name} = {width}u," for name, width in zip(_WIDTHS, layout.widths, strict=True)]
-    lines += [f".dq0 = AMINN_DQ0_{layout.dq0.upper()},"]
+    lines += [f".dq0 = AMINN_DQ0_{layout.dq0.upper()},", f".weight_type = AMINN_WEIGHTS_{layout.weights.upper()},"]
     lines += [".checkpoint_sha256 = {" + ", ".join(f"0x{byte:02x}" for byte in layout.sha256) + "},"]
     lines += [f".{name} = {float_literal(layout.scalars[name])}," for name in SCALARS]
     lines += [f".{t.field} = {_symbol(prefix, t)}," for t in layout.tables if not t.owner]

@@ -1,7 +1,9 @@
 """The order of a model's tables, shared by the C source and the binary: name in C, name of the tensor, shape.
 
 Weights are [out][in] in the exported model and [in][out] in C, so that the runtime's product is a sum of contiguous
-columns. `docs/model-format.md` has the same list in words, `runtime/src/tables.hpp` in C++.
+rows. The mechanics head's outputs are [branch][output] in the exported model and [output][branch] in C, in HEAD_ORDER,
+so that the runtime's functions run over whole arrays. `docs/model-format.md` has the same list in words,
+`runtime/src/tables.hpp` in C++.
 """
 
 from __future__ import annotations
@@ -11,14 +13,35 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from aminn.dims import BRANCH_JOINTS, N_AUX, N_BRANCH, N_CONTACT_INPUT, N_COORD, N_GLOBAL_INPUT, N_HEAD, N_WRENCH
+from aminn.dims import (
+    BRANCH_JOINTS,
+    N_AUX,
+    N_BRANCH,
+    N_BRANCH_HEAD,
+    N_CONTACT_FEATURE,
+    N_CONTACT_INPUT,
+    N_COORD,
+    N_GLOBAL_INPUT,
+    N_HEAD,
+    N_JOINT,
+    N_WRENCH,
+)
 from aminn.errors import AminnError
 
 from .tables import STAGES, Exported, pair_of
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
+"""Of the C model and the binary (AMINN_FORMAT_VERSION in aminn_rt.h)."""
+TABLES_VERSION = 1
+"""Of the tables that the trainer gives."""
 DQ0_CODES = {"statics": 0, "inverse": 1}
 SHA256_HEX_DIGITS = 64
+WEIGHT_CODES = {"float32": 0, "float16": 1}
+WEIGHT_TYPES: dict[str, type[np.floating]] = {"float32": np.float32, "float16": np.float16}
+N_STATE = N_JOINT + 2 * N_WRENCH + N_BRANCH * N_CONTACT_FEATURE
+# Outputs of the mechanics head in C, as places in a branch's row of the exported model (Cholesky diagonal 0-2, entries
+# 10 20 21 at 3-5, direction 6-8, gain 9, alpha 10, beta 11, rho 12): what tanh and exp are applied to stands first.
+HEAD_ORDER = (0, 1, 2, 9, 10, 3, 4, 5, 6, 7, 8, 11, 12)
 SCALARS = ("length_scale", "log_range", "displacement_log_scale", "tau")
 STAGE_SCALARS = ("eps_m", "eps_kx", "eps_jq")
 
@@ -28,7 +51,7 @@ class Table(NamedTuple):
 
     owner: str  # "" for the model's own, else "s1" or "s2"
     field: str  # member of aminn_model_t or aminn_stage_model_t
-    values: NDArray[np.float32]  # flat
+    values: NDArray[np.floating]  # flat; float32, or float16 in a weight table of a model with such weights
 
 
 class Layout(NamedTuple):
@@ -36,6 +59,7 @@ class Layout(NamedTuple):
 
     widths: tuple[int, int, int]  # contact_width, width, classifier_width
     dq0: str
+    weights: str  # "float32" or "float16"
     sha256: bytes
     scalars: dict[str, np.float32]
     stage_scalars: dict[str, tuple[np.float32, np.float32]]
@@ -70,6 +94,8 @@ SHARED_SHAPES: dict[str, tuple[int, ...]] = {
     "geom_base": (N_BRANCH, 3),
     "geom_axis": (N_BRANCH, N_COORD, 3),
     "geom_link_a": (N_BRANCH, 3),
+    "range_min": (N_STATE,),
+    "range_max": (N_STATE,),
 }
 
 
@@ -100,6 +126,36 @@ def tensor_name(owner: str, field: str) -> str:
     return field if field in SHARED_SHAPES else f"s1.{field}"
 
 
+def head_rows() -> NDArray[np.int64]:
+    """Row of the exported head that each of C's N_HEAD outputs comes from."""
+    return np.array([N_BRANCH_HEAD * b + place for place in HEAD_ORDER for b in range(N_BRANCH)])
+
+
+def is_weight(field: str) -> bool:
+    """Whether a table holds weights, which may be float16."""
+    return field.endswith("_w")
+
+
+def _stored(field: str, value: NDArray[np.float32], weights: str) -> NDArray[np.floating]:
+    """A table's values in the order and type of C."""
+    if field.startswith("head_"):
+        value = value[head_rows()]
+    if not is_weight(field):
+        return np.ascontiguousarray(value).ravel()
+    stored = np.ascontiguousarray(value.T, WEIGHT_TYPES[weights]).ravel()
+    if weights != "float32" and not np.array_equal(stored.astype(np.float32), value.T.ravel()):
+        raise AminnError(f"model: {field} is not representable in {weights}; round it first (aminn_export.weights)")
+    return stored
+
+
+def restored(field: str, flat: NDArray[np.floating], shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """The inverse of `_stored`: a tensor of the exported model."""
+    value = flat.reshape(shape[::-1]).T if is_weight(field) else flat.reshape(shape)
+    if field.startswith("head_"):
+        value = value[np.argsort(head_rows())]
+    return np.array(value, np.float32, order="C")
+
+
 def _table(exported: Exported, owner: str, field: str, shape: tuple[int, ...]) -> Table:
     name = tensor_name(owner, field)
     if name not in exported.tensors:
@@ -111,7 +167,15 @@ def _table(exported: Exported, owner: str, field: str, shape: tuple[int, ...]) -
         raise AminnError(f"model: tensor {name} is {value.dtype}, expected float32")
     if not np.isfinite(value).all():
         raise AminnError(f"model: tensor {name} holds NaN or infinite values")
-    return Table(owner, field, np.ascontiguousarray(value.T if field.endswith("_w") else value).ravel())
+    return Table(owner, field, _stored(field, value, weights_of(exported.meta)))
+
+
+def weights_of(meta: dict) -> str:
+    """Type of the weights in flash. Raises AminnError for one that the runtime does not know."""
+    weights = meta.get("weights", "float32")
+    if weights not in WEIGHT_CODES:
+        raise AminnError(f"model: weights is {weights!r}, expected one of {', '.join(WEIGHT_CODES)}")
+    return str(weights)
 
 
 def _scalar(meta: dict, name: str) -> np.float32:
@@ -128,8 +192,8 @@ def layout_of(exported: Exported) -> Layout:
     missing = [name for name in wanted if name not in meta]
     if missing:
         raise AminnError(f"model: meta lacks {', '.join(missing)}")
-    if int(meta.get("format_version", FORMAT_VERSION)) != FORMAT_VERSION:
-        raise AminnError(f"model: format_version is {meta['format_version']}, this exporter writes {FORMAT_VERSION}")
+    if int(meta.get("format_version", TABLES_VERSION)) != TABLES_VERSION:
+        raise AminnError(f"model: format_version is {meta['format_version']}, this exporter knows {TABLES_VERSION}")
     if tuple(map(tuple, meta.get("branch_joints", BRANCH_JOINTS))) != BRANCH_JOINTS:
         raise AminnError(f"model: branch_joints is {meta['branch_joints']}, the runtime knows {BRANCH_JOINTS} alone")
     if meta["dq0"] not in DQ0_CODES:
@@ -145,6 +209,7 @@ def layout_of(exported: Exported) -> Layout:
     return Layout(
         widths=(hc, h, hd),
         dq0=meta["dq0"],
+        weights=weights_of(meta),
         sha256=bytes.fromhex(sha),
         scalars={name: _scalar(meta, name) for name in SCALARS},
         stage_scalars=stage_scalars,

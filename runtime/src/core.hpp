@@ -1,0 +1,38 @@
+// What every source of the numerical core begins with.
+//
+// The core (network, springs, mechanics, cascade) is compiled once, or, where the instruction sets of one architecture
+// differ, once for each of them under another namespace (CMakeLists.txt). All of them give the same bits: every operation
+// is rounded to float32, and its order does not depend on how many lanes a register has.
+#ifndef AMINN_SRC_CORE_HPP
+#define AMINN_SRC_CORE_HPP
+
+#ifndef AMINN_CORE
+#define AMINN_CORE core
+#endif
+
+#ifndef AMINN_INLINE // plain "inline" where coverage is measured
+#define AMINN_INLINE [[gnu::always_inline]] inline
+#endif
+
+// Vector registers: see lanes.hpp. AMINN_RT_SCALAR is for tests of the other form on the same machine.
+#if (defined(__SSE2__) || defined(__ARM_NEON)) && !defined(AMINN_RT_SCALAR)
+#define AMINN_LANES 1
+#define AMINN_FUNCTION AMINN_INLINE
+#else
+#define AMINN_LANES 0
+#define AMINN_FUNCTION [[gnu::noinline]] inline // small rather than fast
+#endif
+
+// Cortex-M with an FPU has VMLA, which rounds the product and the sum: the bits of two operations in one instruction. The
+// compiler does not use it unless it may fuse operations, so it is asked for by name.
+#if defined(__ARM_ARCH_PROFILE) && __ARM_ARCH_PROFILE == 'M' && defined(__ARM_FP)
+#define AMINN_CORTEX_M 1
+#else
+#define AMINN_CORTEX_M 0
+#endif
+
+#ifdef __FAST_MATH__
+#error "compile without -ffast-math: it removes the checks for NaN and the order of operations"
+#endif
+
+#endif

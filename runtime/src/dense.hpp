@@ -1,0 +1,230 @@
+// y = W x + b, W stored [input][output], so that y is a sum of contiguous rows of memory:
+//
+//      y      b       w_0        w_1
+//     | | =  | |  +  |   | x0 + |   | x1 + ...
+//
+// Each output has two sums, of its even and of its odd inputs, added in the end: half the rounding errors of one sum, and
+// twice as many independent operations. A block of outputs stays in registers while the weights stream by. The last
+// block may overlap the one before it: its outputs are computed again, with the same result.
+#ifndef AMINN_SRC_DENSE_HPP
+#define AMINN_SRC_DENSE_HPP
+
+#include "lanes.hpp"
+
+// Weights are float32 or float16 (as uint16_t); a float16 becomes the float32 of the same value.
+namespace aminn {
+inline namespace AMINN_CORE {
+
+AMINN_INLINE float value_of(uint16_t w)
+{
+    const uint32_t u = w;
+    // the exponent's bias differs by 112; a multiplication mends it for subnormal numbers too, and is exact
+    const float size = from_bits((u & 0x7FFFu) << 13) * 0x1p112F;
+    return from_bits(bits_of(size) | (u & 0x8000u) << 16);
+}
+
+#if AMINN_LANES
+
+#if defined(__AVX512F__)
+using Register = float __attribute__((vector_size(64)));
+#elif defined(__AVX__)
+using Register = float __attribute__((vector_size(32)));
+#else
+using Register = float __attribute__((vector_size(16)));
+#endif
+constexpr int kRegister = sizeof(Register) / sizeof(float);
+constexpr int kRegisters = 4;
+
+AMINN_INLINE void load(const float *w, Register &r)
+{
+    std::memcpy(&r, w, sizeof r);
+}
+
+AMINN_INLINE void load(const uint16_t *w, Register &r)
+{
+    float values[kRegister];
+    for (int k = 0; k < kRegister; ++k) {
+        values[k] = value_of(w[k]);
+    }
+    std::memcpy(&r, values, sizeof r);
+}
+
+// kCount registers of outputs
+template <int kCount, class Weight>
+AMINN_INLINE void dense_block(const Weight *w, int step, const float *b, const float *x, int n_in, float *y)
+{
+    Register even[kCount];
+    Register odd[kCount] = {};
+    std::memcpy(even, b, sizeof even);
+    int i = 0;
+    const auto add = [](Register(&sums)[kCount], const Weight *row, float factor) {
+        for (int k = 0; k < kCount; ++k) {
+            Register r;
+            load(row + k * kRegister, r);
+            sums[k] = sums[k] + r * factor;
+        }
+    };
+    for (; i + 2 <= n_in; i += 2) {
+        add(even, w, x[i]);
+        add(odd, w + step, x[i + 1]);
+        w += 2 * step;
+    }
+    if (i < n_in) {
+        add(even, w, x[i]);
+    }
+    for (int k = 0; k < kCount; ++k) {
+        even[k] = even[k] + odd[k];
+    }
+    std::memcpy(y, even, sizeof even);
+}
+
+// the outputs from `at` on that fill blocks of kCount registers; returns where it stopped
+template <int kCount, class Weight>
+AMINN_INLINE int dense_blocks(const Weight *w, const float *b, const float *x, int n_in, int n_out, int at, float *y)
+{
+    for (; at + kCount * kRegister <= n_out; at += kCount * kRegister) {
+        dense_block<kCount>(w + at, n_out, b + at, x, n_in, y + at);
+    }
+    return at;
+}
+
+template <class Weight>
+[[gnu::noinline]] void dense_of(const Weight *w, const float *b, const float *x, int n_in, int n_out, float *y)
+{
+    int at = dense_blocks<kRegisters>(w, b, x, n_in, n_out, 0, y);
+    at = dense_blocks<2>(w, b, x, n_in, n_out, at, y);
+    at = dense_blocks<1>(w, b, x, n_in, n_out, at, y);
+    if (at < n_out) {
+        at = n_out - kRegister;
+        dense_block<1>(w + at, n_out, b + at, x, n_in, y + at);
+    }
+}
+
+#else
+
+constexpr int kBlock = 8;
+
+#if AMINN_CORTEX_M
+constexpr float kZeros[kBlock] = {};
+
+// a row of weights times one input, added to the even sums s0-s7 or to the odd sums s8-s15
+#define AMINN_LOAD_ROW "    vldmia %[w], {s16-s23}\n    add %[w], %[step]\n"
+#define AMINN_ADD_EVEN(x)                                                                                 \
+    AMINN_LOAD_ROW "    vmla.f32 s0, s16, " x "\n    vmla.f32 s1, s17, " x "\n    vmla.f32 s2, s18, " x   \
+                   "\n    vmla.f32 s3, s19, " x "\n    vmla.f32 s4, s20, " x "\n    vmla.f32 s5, s21, " x \
+                   "\n    vmla.f32 s6, s22, " x "\n    vmla.f32 s7, s23, " x "\n"
+#define AMINN_ADD_ODD(x)                                                                                     \
+    AMINN_LOAD_ROW "    vmla.f32 s8, s16, " x "\n    vmla.f32 s9, s17, " x "\n    vmla.f32 s10, s18, " x     \
+                   "\n    vmla.f32 s11, s19, " x "\n    vmla.f32 s12, s20, " x "\n    vmla.f32 s13, s21, " x \
+                   "\n    vmla.f32 s14, s22, " x "\n    vmla.f32 s15, s23, " x "\n"
+#endif
+
+// a block of float32 weights
+inline void dense_block(const float *w, int step, const float *b, const float *x, int n_in, float *y)
+{
+#if AMINN_CORTEX_M
+    __asm volatile(
+        "    vldmia %[b], {s0-s7}\n"
+        "    vldmia %[zero], {s8-s15}\n"
+        "    subs %[n], #4\n"
+        "    blt 2f\n"
+        "1:  vldmia %[x]!, {s24-s27}\n" AMINN_ADD_EVEN("s24") AMINN_ADD_ODD("s25") AMINN_ADD_EVEN("s26")
+            AMINN_ADD_ODD("s27") "    subs %[n], #4\n"
+                                 "    bge 1b\n"
+                                 "2:  adds %[n], #2\n"
+                                 "    blt 3f\n"
+                                 "    vldmia %[x]!, {s24-s25}\n" AMINN_ADD_EVEN("s24") AMINN_ADD_ODD(
+                                     "s25") "    subs %[n], #2\n"
+                                            "3:  adds %[n], #2\n"
+                                            "    beq 4f\n"
+                                            "    vldr s24, [%[x]]\n" AMINN_ADD_EVEN("s24") "4:  vadd.f32 s0, s0, s8\n"
+                                                                                           "    vadd.f32 s1, s1, s9\n"
+                                                                                           "    vadd.f32 s2, s2, s10\n"
+                                                                                           "    vadd.f32 s3, s3, s11\n"
+                                                                                           "    vadd.f32 s4, s4, s12\n"
+                                                                                           "    vadd.f32 s5, s5, s13\n"
+                                                                                           "    vadd.f32 s6, s6, s14\n"
+                                                                                           "    vadd.f32 s7, s7, s15\n"
+                                                                                           "    vstmia %[y], {s0-s7}"
+        : [w] "+r"(w), [x] "+r"(x), [n] "+r"(n_in)
+        : [b] "r"(b), [y] "r"(y), [step] "r"(step * static_cast<int>(sizeof *w)), [zero] "r"(kZeros)
+        : "s0", "s1", "s2", "s3", "s4", "s5", "s6", "s7", "s8", "s9", "s10", "s11", "s12", "s13", "s14", "s15", "s16",
+          "s17", "s18", "s19", "s20", "s21", "s22", "s23", "s24", "s25", "s26", "s27", "cc", "memory");
+#else
+    float even[kBlock];
+    float odd[kBlock];
+    for (int k = 0; k < kBlock; ++k) {
+        even[k] = b[k];
+        odd[k] = 0.0F;
+    }
+    int i = 0;
+    for (; i + 2 <= n_in; i += 2) {
+        for (int k = 0; k < kBlock; ++k) {
+            even[k] = even[k] + w[k] * x[i];
+            odd[k] = odd[k] + w[step + k] * x[i + 1];
+        }
+        w += 2 * step;
+    }
+    if (i < n_in) {
+        for (int k = 0; k < kBlock; ++k) {
+            even[k] = even[k] + w[k] * x[i];
+        }
+    }
+    for (int k = 0; k < kBlock; ++k) {
+        y[k] = even[k] + odd[k];
+    }
+#endif
+}
+
+inline void dense_of(const float *w, const float *b, const float *x, int n_in, int n_out, float *y)
+{
+    for (int at = 0; at < n_out; at += kBlock) {
+        const int from = at + kBlock <= n_out ? at : n_out - kBlock;
+        dense_block(w + from, n_out, b + from, x, n_in, y + from);
+    }
+}
+
+#endif
+
+#if AMINN_LANES
+constexpr int kSmallest = kRegister; // number of outputs that fill a block
+#else
+constexpr int kSmallest = kBlock;
+#endif
+
+inline void dense(const void *w, uint32_t weight_type, const float *b, const float *x, int n_in, int n_out, float *y)
+{
+    const auto *w32 = static_cast<const float *>(w);
+    const auto *w16 = static_cast<const uint16_t *>(w);
+    const bool half = weight_type == AMINN_WEIGHTS_FLOAT16;
+    if (n_out >= kSmallest && !half) {
+        dense_of(w32, b, x, n_in, n_out, y);
+        return;
+    }
+#if AMINN_LANES
+    if (n_out >= kSmallest) {
+        dense_of(w16, b, x, n_in, n_out, y);
+        return;
+    }
+#endif
+    // one output after the other: without vector registers, float16 is for half the flash and not for speed
+    for (int at = 0; at < n_out; ++at) {
+        const auto weight = [&](int i) { return half ? value_of(w16[i * n_out + at]) : w32[i * n_out + at]; };
+        float even = b[at];
+        float odd = 0.0F;
+        int i = 0;
+        for (; i + 2 <= n_in; i += 2) {
+            even = even + weight(i) * x[i];
+            odd = odd + weight(i + 1) * x[i + 1];
+        }
+        if (i < n_in) {
+            even = even + weight(i) * x[i];
+        }
+        y[at] = even + odd;
+    }
+}
+
+} // namespace AMINN_CORE
+} // namespace aminn
+
+#endif

@@ -1,0 +1,159 @@
+// Elementary functions of float32, the same bits on every target: only additions, multiplications, divisions and integer
+// operations in a fixed order, no branch on the argument, no libm. So the compiler may also run them over whole arrays.
+//
+// Largest error over all arguments of the stated range, in ULP of the result, beside float64 (make fidelity measures it,
+// tests/runtime/test_elementary.cpp holds it):
+//
+//   exponential           -86 .. 88.72            1 ULP    below: 4.5e-38; above: infinity
+//   logarithm             all positive normal     1 ULP
+//   hyperbolic_tangent    all                     2 ULP
+//   sigmoid               -86 .. all              3 ULP    below: 4.5e-38
+//   sine_cosine           |x| <= kMaxAngle        absolute error 1.5 * 2^-24 (an ULP of 1/2 .. 1 is 2^-24)
+//
+// NaN gives NaN. The polynomials are minimax fits with float32 coefficients (relative error below 5e-9).
+#ifndef AMINN_SRC_ELEMENTARY_HPP
+#define AMINN_SRC_ELEMENTARY_HPP
+
+#include <cfloat>
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+
+#include "core.hpp"
+
+static_assert(FLT_EVAL_METHOD == 0,
+              "float arithmetic must be rounded to float: on 32-bit x86 compile with -mfpmath=sse");
+
+namespace aminn {
+inline namespace AMINN_CORE {
+
+constexpr float kMaxAngle = 8192.0F; // rad; the reduction of sine and cosine is exact up to it
+
+AMINN_INLINE uint32_t bits_of(float x)
+{
+    uint32_t u = 0;
+    std::memcpy(&u, &x, sizeof u);
+    return u;
+}
+
+AMINN_INLINE float from_bits(uint32_t u)
+{
+    float x = 0.0F;
+    std::memcpy(&x, &u, sizeof x);
+    return x;
+}
+
+// Correctly rounded everywhere by IEEE 754: an instruction, or the C library's.
+AMINN_INLINE float root(float x)
+{
+    return __builtin_sqrtf(x);
+}
+
+// a + b c and a - b c, the product rounded as well
+AMINN_INLINE float add_product(float a, float b, float c)
+{
+#if AMINN_CORTEX_M
+    __asm("vmla.f32 %0, %1, %2" : "+t"(a) : "t"(b), "t"(c));
+    return a;
+#else
+    return a + b * c;
+#endif
+}
+
+AMINN_INLINE float subtract_product(float a, float b, float c)
+{
+#if AMINN_CORTEX_M
+    __asm("vmls.f32 %0, %1, %2" : "+t"(a) : "t"(b), "t"(c));
+    return a;
+#else
+    return a - b * c;
+#endif
+}
+
+// Adding and subtracting it rounds |x| < 2^22 to an integer; its last bits then hold that integer.
+constexpr float kRounder = 0x1.8p23F;
+
+AMINN_FUNCTION float exponential(float x)
+{
+    constexpr float kLog2e = 0x1.715476p0F;
+    constexpr float kLn2Hi = 0x1.62e4p-1F; // 15 bits: exact times a small integer
+    constexpr float kLn2Lo = 0x1.7f7d1cp-20F;
+    constexpr float kLargest = 88.73F; // above it the result is infinity
+    constexpr float kSmallest = -86.0F;
+    x = x > kLargest ? kLargest : x;
+    x = x < kSmallest ? kSmallest : x;
+    const float shifted = x * kLog2e + kRounder;
+    const float n = shifted - kRounder;
+    const float r = (x - n * kLn2Hi) - n * kLn2Lo;
+    const float s = r * r;
+    const float high = (0x1.5554b8p-5F + r * 0x1.123f9p-7F) + s * 0x1.6d8398p-10F;
+    const float p = (0.5F + r * 0x1.55548ap-3F) + s * high;
+    const float mantissa = 1.0F + (r + s * p);
+    // 2^(n - 1): the exponent of infinity is never written, and the last doubling overflows as it should
+    const float scale = from_bits((bits_of(shifted) - bits_of(kRounder) + 126u) << 23);
+    return (mantissa * scale) * 2.0F;
+}
+
+AMINN_FUNCTION float logarithm(float x)
+{
+    constexpr float kLn2Hi = 0x1.62e4p-1F;
+    constexpr float kLn2Lo = 0x1.7f7d1cp-20F;
+    constexpr uint32_t kRootHalf = 0x3F3504F3u; // sqrt(1/2)
+    const uint32_t u = bits_of(x) - kRootHalf;
+    const float m = from_bits((u & 0x007FFFFFu) + kRootHalf); // sqrt(1/2) .. sqrt(2)
+    const float e = static_cast<float>(static_cast<int32_t>(u) >> 23);
+    const float r = m - 1.0F;
+    const float s = r * r;
+    const float p0 = (0x1.555546p-2F + r * -0x1.ffffeep-3F) + s * (0x1.99a542p-3F + r * -0x1.5562ep-3F);
+    const float p4 = (0x1.233306p-3F + r * -0x1.fb43dep-4F) + s * (0x1.e64d7p-4F + r * -0x1.e2e482p-4F);
+    const float p = p0 + (s * s) * (p4 + (s * s) * 0x1.1b4374p-4F);
+    const float tail = (r * s) * p + e * kLn2Lo;
+    const float result = (r + (tail - 0.5F * s)) + e * kLn2Hi;
+    return x <= FLT_MAX ? result : x; // infinity, NaN
+}
+
+AMINN_FUNCTION float hyperbolic_tangent(float x)
+{
+    constexpr float kSmall = 0.625F;
+    const float a = std::fabs(x);
+    const float s = x * x;
+    const float p =
+        -0x1.555534p-2F + s * (0x1.110762p-3F + s * (-0x1.b8439ap-5F + s * (0x1.525328p-6F + s * -0x1.769df8p-8F)));
+    const float near_zero = x + (x * s) * p;
+    const float far = 1.0F - 2.0F / (exponential(a + a) + 1.0F);
+    return a < kSmall ? near_zero : std::copysign(far, x); // far is NaN for NaN
+}
+
+AMINN_FUNCTION float sigmoid(float x)
+{
+    return 1.0F / (1.0F + exponential(-x));
+}
+
+struct SineCosine {
+    float sine;
+    float cosine;
+};
+
+// |x| <= kMaxAngle
+AMINN_FUNCTION SineCosine sine_cosine(float x)
+{
+    constexpr float kTwoOverPi = 0x1.45f306p-1F;
+    constexpr float kHalfPi1 = 0x1.92p0F; // 9 and 11 bits: exact times an integer below 2^13
+    constexpr float kHalfPi2 = 0x1.fb4p-12F;
+    constexpr float kHalfPi3 = 0x1.4442d2p-24F;
+    const float shifted = x * kTwoOverPi + kRounder;
+    const float n = shifted - kRounder;
+    const float r = ((x - n * kHalfPi1) - n * kHalfPi2) - n * kHalfPi3;
+    const float s = r * r;
+    const float sine = r + (r * s) * (-0x1.555544p-3F + s * (0x1.1106bcp-7F + s * -0x1.991652p-13F));
+    const float cosine = 1.0F + (s * s * (0x1.55554ap-5F + s * (-0x1.6c0c1cp-10F + s * 0x1.99e1d6p-16F)) - 0.5F * s);
+    const uint32_t quadrant = bits_of(shifted);
+    const float first = (quadrant & 1u) != 0 ? cosine : sine;
+    const float second = (quadrant & 1u) != 0 ? sine : cosine;
+    return {(quadrant & 2u) != 0 ? -first : first, ((quadrant + 1u) & 2u) != 0 ? -second : second};
+}
+
+} // namespace AMINN_CORE
+} // namespace aminn
+
+#endif

@@ -1,0 +1,79 @@
+"""One version everywhere; the module files of Zephyr and PlatformIO name what is there and the options that matter."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import tomllib
+from pathlib import Path
+
+TREE = Path(__file__).resolve().parents[2]
+NUMERIC_OPTIONS = ("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
+
+
+def header_version() -> str:
+    text = (TREE / "runtime/include/aminn_rt.h").read_text()
+    parts = [re.search(rf"#define AMINN_VERSION_{part} (\d+)", text)[1] for part in ("MAJOR", "MINOR", "PATCH")]
+    assert re.search(r'#define AMINN_VERSION_STRING "([^"]+)"', text)[1] == ".".join(parts)
+    return ".".join(parts)
+
+
+def cmake_version(file: str) -> str:
+    return re.search(r"project\(\w+ VERSION (\S+)", (TREE / file).read_text())[1]
+
+
+def test_versions_are_equal_everywhere() -> None:
+    version = header_version()
+    assert cmake_version("runtime/CMakeLists.txt") == version
+    assert cmake_version("CMakeLists.txt") == version
+    assert tomllib.loads((TREE / "pyproject.toml").read_text())["project"]["version"] == version
+    assert json.loads((TREE / "library.json").read_text())["version"] == version
+
+
+def test_the_format_version_is_the_exporters() -> None:
+    from aminn_export.layout import FORMAT_VERSION
+
+    text = (TREE / "runtime/include/aminn_rt.h").read_text()
+    assert int(re.search(r"#define AMINN_FORMAT_VERSION (\d+)u", text)[1]) == FORMAT_VERSION
+
+
+def test_platformio_builds_the_library_as_cmake_does(tmp_path: Path) -> None:
+    library = json.loads((TREE / "library.json").read_text())
+    build = library["build"]
+    sources = sorted((TREE / build["srcDir"]).glob("*.cpp"))
+    assert {s.name for s in sources} == set(
+        re.findall(r"src/(\w+\.cpp)", (TREE / "runtime/CMakeLists.txt").read_text())
+    )
+    assert (TREE / build["includeDir"] / library["headers"]).is_file()
+    assert set(NUMERIC_OPTIONS) <= set(build["flags"])
+    for example in library["examples"]:
+        assert all((TREE / example["base"] / name).is_file() for name in example["files"])
+    for source in sources:  # compiles with these flags alone
+        command = ["g++", "-std=c++17", *build["flags"], f"-I{TREE / build['includeDir']}", "-c", str(source)]
+        subprocess.run([*command, "-o", str(tmp_path / f"{source.stem}.o")], check=True)
+
+
+def test_zephyr_module_is_complete(tmp_path: Path) -> None:
+    """CMake runs the module's file with Zephyr's functions replaced by ones that print what they are given."""
+    module = (TREE / "zephyr/module.yml").read_text()
+    assert (TREE / re.search(r"cmake: (\S+)", module)[1] / "CMakeLists.txt").is_file()
+    assert (TREE / re.search(r"kconfig: (\S+)", module)[1]).is_file()
+    names = (
+        "library_named",
+        "library_sources",
+        "library_compile_options",
+        "include_directories",
+        "compile_definitions",
+    )
+    functions = "\n".join(f'function(zephyr_{n})\n  message("{n} ${{ARGN}}")\nendfunction()' for n in names)
+    settings = "set(CONFIG_AMINN_RT y)\nset(CONFIG_AMINN_RT_MAX_WIDTH 64)"
+    script = f"{functions}\n{settings}\ninclude({TREE}/zephyr/CMakeLists.txt)\n"
+    (tmp_path / "run.cmake").write_text(script)
+    done = subprocess.run(["cmake", "-P", str(tmp_path / "run.cmake")], capture_output=True, text=True, check=True)
+    assert "mechanics.cpp" in done.stderr
+    assert "AMINN_MAX_WIDTH=64" in done.stderr
+    assert all(option in done.stderr for option in NUMERIC_OPTIONS)
+    symbols = re.findall(r"CONFIG_(AMINN\w+)", (TREE / "zephyr/CMakeLists.txt").read_text())
+    declared = re.findall(r"^config (\w+)", (TREE / "zephyr/Kconfig").read_text(), re.MULTILINE)
+    assert set(symbols) == set(declared)

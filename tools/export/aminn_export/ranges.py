@@ -1,0 +1,46 @@
+"""What a model was trained on: the range of each field of the runtime's `aminn_state_t`.
+
+The runtime notes a state outside of it (AMINN_NOTE_OUT_OF_RANGE).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aminn.dataset import SPLITS, Dataset, split_of
+
+from .layout import N_STATE
+
+MARGIN = 0.05
+"""Share of a field's range that it is widened by on both sides: unseen grasps of the same kind lie a little outside."""
+STATE_FIELDS = ("q", "x_ht", "w_e", "contacts")
+
+
+def state_ranges(inputs: dict[str, NDArray]) -> dict[str, NDArray[np.float32]]:
+    """`range_min` and `range_max` (44) over samples; a contact's numbers count where it is one."""
+    contacts = np.asarray(inputs["contacts"], np.float64)  # (N, 3, 8)
+    closed = np.broadcast_to(contacts[..., :1] > 0, contacts.shape).copy()
+    closed[..., 0] = True
+    n = len(contacts)
+    values = np.concatenate([np.asarray(inputs[name], np.float64).reshape(n, -1) for name in STATE_FIELDS], 1)
+    counts = np.ones_like(values, bool)
+    counts[:, -contacts[0].size :] = closed.reshape(n, -1)
+    low = np.where(counts, values, np.inf).min(0)
+    high = np.where(counts, values, -np.inf).max(0)
+    seen = low <= high  # a branch that never was in contact has no range: nothing of it is within
+    low, high = np.where(seen, low, 0.0), np.where(seen, high, 0.0)
+    margin = MARGIN * (high - low)
+    return {"range_min": (low - margin).astype(np.float32), "range_max": (high + margin).astype(np.float32)}
+
+
+def training_ranges(dataset: Dataset) -> dict[str, NDArray[np.float32]]:
+    """Ranges over the training split."""
+    rows = np.flatnonzero(split_of(dataset.samples["grasp_id"]) == SPLITS.index("train"))
+    return state_ranges(dataset.take(rows).samples)
+
+
+def unknown_ranges() -> dict[str, NDArray[np.float32]]:
+    """Ranges that hold every state: for a model exported without its data."""
+    largest = np.finfo(np.float32).max
+    return {"range_min": np.full(N_STATE, -largest, np.float32), "range_max": np.full(N_STATE, largest, np.float32)}
