@@ -1,6 +1,6 @@
 # Runs the firmware on the golden vectors, compares the results on the host, tries the fault handler and bad files, and
 # writes a report with flat keys.
-#   cmake -DQEMU=qemu-system-arm -DIMAGE=aminn_firmware.elf -DMODEL=aminn_model.bin -DVECTORS=golden.bin -DWORK=dir
+#   cmake -DQEMU=qemu-system-arm -DBOARD=mps2-an500 -DIMAGE=aminn_firmware.elf -DMODEL=aminn_model.bin -DVECTORS=golden.bin -DWORK=dir
 #         -DCOMPARE=aminn_compare -DREPORT=firmware.json -P check.cmake
 # Paths of QEMU's semihosting command line must not hold spaces: it runs in WORK on short names.
 cmake_minimum_required(VERSION 3.22)
@@ -15,7 +15,7 @@ function(firmware CODE MESSAGE)
     string(APPEND CONFIG ",arg=${ARG}")
   endforeach()
   execute_process(
-    COMMAND ${QEMU} -M mps2-an500 -icount shift=0 -nographic -monitor none -serial none
+    COMMAND ${QEMU} -M ${BOARD} -icount shift=0 -nographic -monitor none -serial none
             -semihosting-config ${CONFIG} -kernel ${IMAGE}
     WORKING_DIRECTORY "${WORK}" TIMEOUT 300 RESULT_VARIABLE RESULT OUTPUT_VARIABLE TEXT ERROR_VARIABLE TEXT)
   if(NOT RESULT EQUAL CODE OR NOT TEXT MATCHES "${MESSAGE}")
@@ -37,12 +37,16 @@ if(EXISTS "${WORK}/results.bin")
   message(FATAL_ERROR "a refused vector file left results")
 endif()
 
+firmware(1 "cannot open" --control none.bin)
+firmware(1 "not a whole" --control short.bin)
+firmware(0 "control_ticks" --control vectors.bin)
+set(CONTROL "${OUTPUT}")
 firmware(0 "samples" vectors.bin results.bin)
-string(REGEX REPLACE "firmware: " "" FIGURES "${OUTPUT}")
+string(REGEX REPLACE "firmware: " "" FIGURES "${CONTROL}\n${OUTPUT}")
 execute_process(COMMAND ${COMPARE} ${MODEL} ${VECTORS} ${WORK}/results.bin
   RESULT_VARIABLE RESULT OUTPUT_VARIABLE DIFFERENCES ERROR_VARIABLE COMPLAINT)
 if(NOT RESULT EQUAL 0)
-  message(FATAL_ERROR "Cortex-M7 against the reference:\n${DIFFERENCES}${COMPLAINT}")
+  message(FATAL_ERROR "${BOARD} against the reference:\n${DIFFERENCES}${COMPLAINT}")
 endif()
 
 set(LINES "")
@@ -60,4 +64,4 @@ list(JOIN LINES ",\n" JSON)
 get_filename_component(REPORT_DIR "${REPORT}" DIRECTORY)
 file(MAKE_DIRECTORY "${REPORT_DIR}")
 file(WRITE "${REPORT}" "{\n${JSON}\n}\n")
-message("Cortex-M7 agrees with the reference; report: ${REPORT}")
+message("${BOARD} agrees with the reference; report: ${REPORT}")

@@ -3,6 +3,8 @@
  * (semihosting), so that the results can be compared there.
  *
  * Command line: firmware VECTORS.bin OUT.bin   the formats of runtime/tools/vector_file.h
+ *               firmware --control FRAMES.bin  a 1 kHz loop that limits the commanded load (control.c)
+ *               firmware --serial              answers on the UART (serial.c)
  *               firmware --fault               runs into an undefined instruction, to try the fault handler
  *
  * Ends with 0; 1 and a message on a bad file; 70 after a fault. Prints figures as lines "firmware: NAME VALUE".
@@ -10,6 +12,7 @@
 #include <string.h>
 
 #include MODEL_HEADER
+#include "modes.h"
 #include "semihosting.h"
 #include "startup.h"
 #include "vector_file.h"
@@ -32,7 +35,7 @@ typedef struct figures {
     uint32_t refused, call_stack, ticks_total, ticks_max;
 } figures_t;
 
-static int fail(const char *what, const char *why)
+int fail(const char *what, const char *why)
 {
     semihost_puts("firmware: ");
     semihost_puts(what);
@@ -42,7 +45,7 @@ static int fail(const char *what, const char *why)
     return 1;
 }
 
-static void print_figure(const char *name, uint32_t value)
+void print_figure(const char *name, uint32_t value)
 {
     semihost_puts("firmware: ");
     semihost_puts(name);
@@ -53,20 +56,20 @@ static void print_figure(const char *name, uint32_t value)
 
 /* ---- time: SysTick counts down; under "-icount" its rate is a fixed number of instructions a tick ---- */
 
-static void ticks_start(void)
+void ticks_start(void)
 {
     SYST_RVR = 0xFFFFFFu;
     SYST_CVR = 0;
     SYST_CSR = 5u; /* on, processor clock, no interrupt */
 }
 
-static uint32_t ticks_since(uint32_t start)
+uint32_t ticks_since(uint32_t start)
 {
     return (start - SYST_CVR) & 0xFFFFFFu;
 }
 
 /* instructions a tick, times 1000; 0 if the clock does not follow the instructions */
-static uint32_t calibrate(void)
+uint32_t calibrate(void)
 {
     uint32_t ticks[2];
     int i;
@@ -240,6 +243,12 @@ int main(void)
     }
     if (strcmp(vectors, "--fault") == 0) {
         __asm volatile("udf #0");
+    }
+    if (strcmp(vectors, "--serial") == 0) {
+        return run_serial();
+    }
+    if (strcmp(vectors, "--control") == 0 && results != NULL) {
+        return run_control(results);
     }
     if (results == NULL) {
         return fail("usage", "firmware VECTORS.bin OUT.bin");

@@ -72,14 +72,17 @@ static void write_all(FILE *file, const void *bytes, size_t size)
 }
 
 /* writes under another name and renames when complete */
-static void write_results(const char *path, uint32_t n, const float *rows, const int32_t *statuses)
+static void write_results(const char *path, uint32_t n, float *rows, int32_t *statuses)
 {
     const size_t rows_size = (size_t)n * RESULT_N_OUT * sizeof *rows;
     const size_t statuses_size = (size_t)n * sizeof *statuses;
     vector_header_t header = {RESULT_MAGIC, VECTOR_VERSION, 0, 0, RESULT_N_OUT, 0, 0, 0};
     FILE *file = NULL;
+    vector_swap(rows, (size_t)n * RESULT_N_OUT);
+    vector_swap(statuses, n);
     header.n = n;
     header.crc = vector_crc(vector_crc(0, rows, rows_size), statuses, statuses_size);
+    vector_swap(&header, sizeof header / sizeof(uint32_t));
     if (snprintf(partial_path, sizeof partial_path, "%s.partial", path) >= (int)sizeof partial_path) {
         partial_path[0] = '\0';
         die("%s: the path is too long", path);

@@ -63,16 +63,19 @@ void *read_file(const char *path, size_t *size)
 static const vector_header_t *open_checked(const char *path, const char *(*error_of)(const vector_header_t *, uint64_t))
 {
     size_t size = 0;
-    const vector_header_t *header = read_file(path, &size);
+    vector_header_t *header = read_file(path, &size);
     const char *error = NULL;
+    uint32_t crc;
     if (size < sizeof *header) {
         die("%s: truncated: %zu bytes, the header alone has %zu", path, size, sizeof *header);
     }
+    crc = vector_crc(0, header + 1, size - sizeof *header);
+    vector_swap(header, size / sizeof(uint32_t)); /* of float64 outputs too, which are not used on such machines */
     error = error_of(header, size - sizeof *header);
     if (error != NULL) {
         die("%s: %s", path, error);
     }
-    if (vector_crc(0, header + 1, size - sizeof *header) != header->crc) {
+    if (crc != header->crc) {
         die("%s: damaged: its CRC-32 does not match", path);
     }
     return header;

@@ -42,6 +42,21 @@ static inline uint32_t vector_crc(uint32_t crc, const void *bytes, size_t n)
     return ~crc;
 }
 
+/* Between the files' little endian and the machine's order, in place; nothing to do on most machines. */
+static inline void vector_swap(void *words, size_t n)
+{
+#if __BYTE_ORDER__ == __ORDER_BIG_ENDIAN__
+    uint32_t *w = (uint32_t *)words;
+    size_t i;
+    for (i = 0; i < n; ++i) {
+        w[i] = w[i] >> 24 | (w[i] >> 8 & 0xFF00u) | (w[i] << 8 & 0xFF0000u) | w[i] << 24;
+    }
+#else
+    (void)words;
+    (void)n;
+#endif
+}
+
 /* Bytes that follow the header of a vector file. */
 static inline uint64_t vector_payload(const vector_header_t *h)
 {

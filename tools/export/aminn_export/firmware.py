@@ -1,4 +1,4 @@
-"""Build the firmware image with an exported model and run it in qemu (Cortex-M7, board mps2-an500)."""
+"""Build the firmware image with an exported model and run it in qemu, on one of its boards."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from pathlib import Path
 from aminn.errors import AminnError
 
 QEMU = "qemu-system-arm"
+BOARDS = {"cortex_m4": "mps2-an386", "cortex_m7": "mps2-an500", "cortex_m33": "mps2-an505"}
+"""qemu's name of the board by the target's name."""
 COMPILER = "arm-none-eabi-gcc"
 DEBIAN_PACKAGES = "gcc-arm-none-eabi libnewlib-arm-none-eabi libstdc++-arm-none-eabi-newlib qemu-system-arm"
 SOURCE = Path(__file__).resolve().parents[3] / "runtime" / "firmware"
@@ -36,7 +38,9 @@ def _run(command: list[str], what: str, **kwargs) -> str:
     return text
 
 
-def build_firmware(model_dir: Path | str, build_dir: Path | str, model: str = "aminn_model") -> Path:
+def build_firmware(
+    model_dir: Path | str, build_dir: Path | str, model: str = "aminn_model", target: str = "cortex_m7"
+) -> Path:
     """Cross-compile runtime, model and controller loop; returns the image.
 
     `model_dir` holds MODEL.c and MODEL.h as `aminn export` writes them. The build also proves that the image holds no
@@ -51,13 +55,15 @@ def build_firmware(model_dir: Path | str, build_dir: Path | str, model: str = "a
     cmake = _program("cmake")
     configure = [cmake, "-S", str(SOURCE), "-B", str(build_dir), f"-DMODEL_DIR={model_dir}", f"-DMODEL={model}"]
     if not (build_dir / "CMakeCache.txt").is_file():
-        configure += [f"-DCMAKE_TOOLCHAIN_FILE={SOURCE / 'arm-none-eabi.cmake'}"]
+        configure += [f"-DCMAKE_TOOLCHAIN_FILE={SOURCE / 'arm-none-eabi.cmake'}", f"-DBOARD={BOARDS[target]}"]
     _run(configure, "configuring the firmware")
     _run([cmake, "--build", str(build_dir)], "building the firmware")
     return build_dir / "aminn_firmware.elf"
 
 
-def run_firmware(image: Path | str, vectors: Path | str, out: Path | str) -> dict[str, int]:
+def run_firmware(
+    image: Path | str, vectors: Path | str, out: Path | str, target: str = "cortex_m7"
+) -> dict[str, int]:
     """Replay a vector file on the emulated target; writes a result file (`vectors.read_results`), returns its figures.
 
     Figures: samples, refused, context_bytes, stack_predict_bytes, stack_high_water_bytes, instructions_per_prediction,
@@ -74,7 +80,8 @@ def run_firmware(image: Path | str, vectors: Path | str, out: Path | str) -> dic
         # short names in the working folder: the target's command line has no quoting
         (work / "vectors.bin").symlink_to(vectors)
         semihosting = "enable=on,target=native,arg=firmware,arg=vectors.bin,arg=results.bin"
-        command = [qemu, "-M", "mps2-an500", "-icount", "shift=0", "-nographic", "-monitor", "none", "-serial", "none"]
+        command = [qemu, "-M", BOARDS[target], "-icount", "shift=0", "-nographic", "-monitor", "none"]
+        command += ["-serial", "none"]
         command += ["-semihosting-config", semihosting, "-kernel", str(image)]
         text = _run(command, f"firmware {image.name}", cwd=work)
         shutil.move(work / "results.bin", out)

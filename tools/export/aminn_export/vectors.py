@@ -139,3 +139,10 @@ def read_results(path: Path | str) -> Results:
     rows = np.frombuffer(payload, "<f4", n * (N_OUT + 1)).reshape(n, N_OUT + 1)
     status = np.frombuffer(payload, "<i4", n, 4 * n * (N_OUT + 1))
     return Results(unpack(rows[:, :N_OUT], OUTPUT_SHAPES), rows[:, N_OUT] == 1, status)
+
+
+def write_results(path: Path | str, rows: NDArray[np.float32], status: NDArray[np.int32]) -> None:
+    """Write a result file: outputs and decision (n, 47), and a status code for each sample (n)."""
+    payload = np.ascontiguousarray(rows, "<f4").tobytes() + np.ascontiguousarray(status, "<i4").tobytes()
+    header = _HEADER.pack(RESULT_MAGIC, VERSION, len(rows), 0, N_OUT + 1, 0, zlib.crc32(payload), 0)
+    write_atomically(Path(path), header + payload)
