@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
+from runtime_models import random_model
 
 from aminn.checkpoint import load_checkpoint
+from aminn.dataset import load_dataset, split_of
 from aminn.errors import AminnError
+from aminn_export.bin_model import read_bin_model
 from aminn_export.export import export
 from aminn_export.onnx_model import read_metadata
+from aminn_export.weights import float16_model
 
 FILES = {"aminn.onnx", "aminn_debug.onnx", "left.c", "left.h", "left.bin", "golden.bin"}
 
@@ -57,3 +62,37 @@ def test_missing_inputs_leave_nothing(checkpoint_dir: Path, tmp_path: Path) -> N
     with pytest.raises(AminnError, match=r"manifest\.json"):
         export(checkpoint_dir, tmp_path / "out", data_dir=tmp_path)
     assert _names(tmp_path) == set()
+
+
+def test_float16_weights_halve_the_tables_and_say_what_they_cost(
+    checkpoint_dir: Path, data_dir: Path, tmp_path: Path
+) -> None:
+    lines = export(checkpoint_dir, tmp_path / "half", data_dir=data_dir, weights="float16")
+    export(checkpoint_dir, tmp_path / "full", data_dir=data_dir)
+    half, full = (read_bin_model(tmp_path / name / "aminn_model.bin") for name in ("half", "full"))
+    assert "float16 weights change dx_ht" in lines[-1]
+    sizes = [(tmp_path / name / "aminn_model.bin").stat().st_size for name in ("half", "full")]
+    assert sizes[0] < 0.55 * sizes[1]
+    for name, value in full.tensors.items():
+        expected = value.astype(np.float16).astype(np.float32) if name.endswith("_w") else value
+        np.testing.assert_array_equal(half.tensors[name], expected)
+    assert half.meta["weights"] == "float16"
+
+
+def test_a_weight_too_large_for_float16_is_refused() -> None:
+    model = random_model(2, widths=(4, 5, 6))
+    model.tensors["s2.trunk1_w"][0, 0] = 7e4
+    with pytest.raises(AminnError, match=r"s2\.trunk1_w holds a weight beyond 65504"):
+        float16_model(model)
+
+
+def test_ranges_come_from_the_training_split(checkpoint_dir: Path, data_dir: Path, tmp_path: Path) -> None:
+    export(checkpoint_dir, tmp_path / "out", data_dir=data_dir)
+    tensors = read_bin_model(tmp_path / "out" / "aminn_model.bin").tensors
+    dataset = load_dataset(data_dir)
+    q = dataset.samples["q"][split_of(dataset.samples["grasp_id"]) == 0]
+    width = q.max(0) - q.min(0)
+    np.testing.assert_allclose(tensors["range_min"][:8], q.min(0) - 0.05 * width, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(tensors["range_max"][:8], q.max(0) + 0.05 * width, rtol=1e-5, atol=1e-6)
+    export(checkpoint_dir, tmp_path / "bare")
+    assert read_bin_model(tmp_path / "bare" / "aminn_model.bin").tensors["range_max"][0] > 3e38

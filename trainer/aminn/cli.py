@@ -214,11 +214,18 @@ def evaluate(data: Path, runs: tuple[Path, ...], split: str, json_file: Path | N
 @click.option("--data", type=EXISTING, required=True, help="Data set to draw the golden vectors from.")
 @click.option("--out", type=FOLDER, required=True)
 @click.option("--prefix", default="aminn_model", show_default=True, help="Symbol prefix and file name of the C model.")
-def export(checkpoint: Path, data: Path, out: Path, prefix: str) -> None:
+@click.option(
+    "--weights",
+    type=click.Choice(["float32", "float16"]),
+    default="float32",
+    show_default=True,
+    help="Type of the weights in flash; float16 halves it, and the error is reported.",
+)
+def export(checkpoint: Path, data: Path, out: Path, prefix: str, weights: str) -> None:
     """Write aminn.onnx, aminn_debug.onnx, the C model, its binary form and golden vectors."""
     from .pipeline import run_export
 
-    for line in run_export(checkpoint, data, out, prefix):
+    for line in run_export(checkpoint, data, out, prefix, weights):
         click.echo(line)
 
 
@@ -234,14 +241,25 @@ def export(checkpoint: Path, data: Path, out: Path, prefix: str) -> None:
     help="Compiled runtime.",
 )
 @click.option("--samples", type=click.IntRange(1), default=1000, show_default=True, help="Replay at least so many.")
-@click.option("--firmware", is_flag=True, help="Also on the emulated Cortex-M7.")
+@click.option("--firmware", is_flag=True, help="Also on the emulated Cortex-M7 (--target cortex_m7).")
+@click.option("--target", "targets", multiple=True, help="Also there; may be repeated: cortex_m4, aarch64_gcc_O2, ...")
+@click.option("--port", help="Also on a real board: the serial port or pipe that the firmware's protocol runs on.")
 @click.option("--json", "json_file", type=NEW_FILE, help="Write the differences here, as flat keys.")
-def verify(export_dir: Path, data: Path, build_dir: Path, samples: int, firmware: bool, json_file: Path | None) -> None:
+def verify(
+    export_dir: Path,
+    data: Path,
+    build_dir: Path,
+    samples: int,
+    firmware: bool,
+    targets: tuple[str, ...],
+    port: str | None,
+    json_file: Path | None,
+) -> None:
     """Replay a data set through ONNX Runtime and the compiled runtime; fail on a mismatch."""
     from .checkpoint import write_json
     from .pipeline import run_verify
 
-    report = run_verify(export_dir, data, build_dir, samples, firmware)
+    report = run_verify(export_dir, data, build_dir, samples, firmware, targets=targets, port=port)
     if json_file:
         write_json(json_file, report)
         click.echo(f"differences: {json_file}")

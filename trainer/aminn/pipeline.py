@@ -38,11 +38,11 @@ def anew_if_outdated(folder: Path, work: Callable[[], T]) -> T:
         return work()
 
 
-def run_export(run: Path, data: Path, out: Path, prefix: str = "aminn_model") -> list[str]:
-    """Export the checkpoint in folder `run` to `out`, golden vectors drawn from `data`; a line for each file."""
+def run_export(run: Path, data: Path, out: Path, prefix: str = "aminn_model", weights: str = "float32") -> list[str]:
+    """Export the checkpoint in folder `run` to `out`, golden vectors and input ranges from `data`; lines to print."""
     from aminn_export.export import export
 
-    return export(run, out, prefix, data)
+    return export(run, out, prefix, data, weights)
 
 
 def run_verify(
@@ -52,11 +52,17 @@ def run_verify(
     samples: int = 1000,
     firmware: bool = False,
     echo: Callable[[str], object] = click.echo,
+    targets: tuple[str, ...] = (),
+    port: str | None = None,
 ) -> dict:
-    """Replay `data` through ONNX Runtime and the compiled runtime; flat figures, "ok" among them. `echo` prints."""
+    """Replay `data` through ONNX Runtime and the compiled runtime; flat figures, "ok" among them. `echo` prints.
+
+    `targets` are further machines of `aminn_export.targets`, `port` is a serial port or pipe with a board behind it.
+    """
     from aminn_export.verify import verify
 
-    return verify(exported, data, build, min_samples=samples, firmware=firmware, echo=echo)
+    targets = (*targets, *(("cortex_m7",) if firmware else ()))
+    return verify(exported, data, build, min_samples=samples, on_targets=targets, port=port, echo=echo)
 
 
 def _report_data(labels: dict, manifest: dict) -> dict[str, float | int | str]:

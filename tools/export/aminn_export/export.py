@@ -8,13 +8,16 @@ import tempfile
 from pathlib import Path
 
 from aminn.checkpoint import load_checkpoint
-from aminn.dataset import load_dataset
+from aminn.dataset import Dataset, load_dataset
+from aminn.errors import AminnError
 from aminn.export_tables import export_tables
 
-from .bin_model import write_bin_model
+from .bin_model import BinModel, write_bin_model
 from .c_model import write_c_model
-from .golden import write_golden
+from .golden import inputs_of, write_golden
+from .layout import WEIGHT_CODES
 from .onnx_model import write_onnx
+from .ranges import training_ranges, unknown_ranges
 from .tables import Exported
 
 ONNX_FILE, DEBUG_FILE, GOLDEN_FILE = "aminn.onnx", "aminn_debug.onnx", "golden.bin"
@@ -37,14 +40,44 @@ def _publish(part: Path, out_dir: Path) -> None:
         os.replace(file, out_dir / file.name)
 
 
-def export(checkpoint_dir: Path, out_dir: Path, prefix: str = "aminn_model", data_dir: Path | None = None) -> list[str]:
-    """Export the checkpoint in `checkpoint_dir` to `out_dir`; returns a line for each file.
+def _rounded(exported: BinModel, dataset: Dataset | None) -> tuple[BinModel, str]:
+    """The model with float16 weights, and a line that says what they change."""
+    from .weights import float16_model, rounding_error
 
-    Golden vectors are drawn from the data set in `data_dir`; without one there are none. Nothing appears in `out_dir`
-    before all files are complete. Raises AminnError for a checkpoint or data set that cannot be used.
+    rounded = float16_model(exported)
+    if dataset is None:
+        return rounded, "float16 weights: without a data set their error is not known"
+    e = rounding_error(exported, rounded, inputs_of(dataset))
+    return rounded, (
+        f"float16 weights change dx_ht by {e['dx_relative_median']:.1e} of its size (median; "
+        f"p99 {e['dx_relative_p99']:.1e}, largest {e['dx_relative_max']:.1e}), p_stable by at most "
+        f"{e['p_stable_max']:.1e}, {e['decisions_different']:.0f} of {len(dataset.samples['q'])} decisions"
+    )
+
+
+def export(
+    checkpoint_dir: Path,
+    out_dir: Path,
+    prefix: str = "aminn_model",
+    data_dir: Path | None = None,
+    weights: str = "float32",
+) -> list[str]:
+    """Export the checkpoint in `checkpoint_dir` to `out_dir`; returns lines: each file, what float16 weights cost.
+
+    The data set in `data_dir` is the one that the model was trained on: it gives the golden vectors and the range of
+    the inputs in training. Without one there are no golden vectors, and the runtime takes no input for out of range.
+    `weights` is "float32", or "float16" for half the flash. Nothing appears in `out_dir` before all files are
+    complete. Raises AminnError for a checkpoint or data set that cannot be used.
     """
-    exported = export_tables(load_checkpoint(checkpoint_dir))
+    if weights not in WEIGHT_CODES:
+        raise AminnError(f"export: weights is {weights!r}, expected one of {', '.join(WEIGHT_CODES)}")
+    tables = export_tables(load_checkpoint(checkpoint_dir))
     dataset = load_dataset(data_dir) if data_dir is not None else None
+    ranges = training_ranges(dataset) if dataset is not None else unknown_ranges()
+    exported, lines = BinModel(tables.meta, tables.tensors | ranges), []
+    if weights == "float16":
+        exported, line = _rounded(exported, dataset)
+        lines.append(line)
     out_dir.parent.mkdir(parents=True, exist_ok=True)
     part = Path(tempfile.mkdtemp(prefix=f".{out_dir.name}-", dir=out_dir.parent))
     try:
@@ -56,4 +89,4 @@ def export(checkpoint_dir: Path, out_dir: Path, prefix: str = "aminn_model", dat
         _publish(part, out_dir)
     finally:
         shutil.rmtree(part, ignore_errors=True)
-    return [f"{size:>9} bytes  {out_dir / name}" for name, size in sizes.items()]
+    return [f"{size:>9} bytes  {out_dir / name}" for name, size in sizes.items()] + lines

@@ -12,10 +12,12 @@ import subprocess
 import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import click
 import numpy as np
+import onnxruntime as ort
 from numpy.typing import NDArray
 
 from aminn.dataset import SPLITS, Dataset, load_dataset, split_of
@@ -24,10 +26,11 @@ from aminn.dims import LENGTH_SCALE_M as LENGTH_M
 from aminn.errors import AminnError
 from aminn.evaluate import align_columns
 
+from . import serial_protocol, targets
 from .bin_model import BinModel, read_bin_model
 from .export import DEBUG_FILE, GOLDEN_FILE, ONNX_FILE
-from .firmware import build_firmware, run_firmware
 from .golden import inputs_of, run_onnx, single_thread_session
+from .onnx_model import build_onnx
 from .reference import Reference
 from .vectors import Results, read_results, read_vectors, write_vectors
 
@@ -42,7 +45,18 @@ P_STABLE_LIMIT = 1e-5
 GATE_LIMIT, K_X_LIMIT = 1e-2, 1e-3
 # Golden vectors against the model beside them, relative to an output's largest entry: rounding of another processor.
 GOLDEN_LIMIT = 1e-5
-TARGETS = {"host_bin": "host, .bin", "host_c": "host, .c", "cortex_m7": "Cortex-M7"}
+TITLES = {
+    "host_bin": "host, .bin",
+    "host_c": "host, .c",
+    "cortex_m4": "Cortex-M4F",
+    "cortex_m7": "Cortex-M7",
+    "cortex_m33": "Cortex-M33",
+}
+
+
+def title(target: str) -> str:
+    """What tables and messages call a target."""
+    return TITLES.get(target, target)
 
 
 @dataclass(frozen=True)
@@ -128,6 +142,14 @@ def model_prefix(export_dir: Path) -> str:
     return names[0]
 
 
+def onnx_session(model_dir: Path, prefix: str) -> ort.InferenceSession:
+    """The exported ONNX model, or the same graph made from the binary model where only that is kept."""
+    file = model_dir / ONNX_FILE
+    if file.is_file():
+        return single_thread_session(file)
+    return single_thread_session(build_onnx(read_bin_model(model_dir / f"{prefix}.bin")).SerializeToString())
+
+
 def compile_fixed_replay(export_dir: Path, build_dir: Path, program: Path) -> None:
     """Compile the exported C model and the replay program into one executable."""
     source, prefix = runtime_source(build_dir), model_prefix(export_dir)
@@ -153,11 +175,19 @@ def _replay_c(export_dir: Path, build_dir: Path, vectors: Path, out: Path) -> Re
     return {}
 
 
-def _replay_firmware(export_dir: Path, build_dir: Path, vectors: Path, out: Path) -> Report:
-    """Build the image beside the vectors and run it; its own figures (stack, instructions) join the report."""
-    image = build_firmware(export_dir, vectors.with_name("firmware"), model_prefix(export_dir))
-    figures = run_firmware(image, vectors, out)
-    return {name: value for name, value in figures.items() if name not in ("samples", "refused")}
+def _replay_target(name: str, export_dir: Path, vectors: Path, out: Path) -> Report:
+    """Build for a target and run there; its own figures (stack, instructions) join the report."""
+    results, figures = targets.replay(
+        name, export_dir, model_prefix(export_dir), vectors, vectors.with_name(f"on-{name}")
+    )
+    results.replace(out)
+    return {key: value for key, value in figures.items() if key not in ("samples", "refused")}
+
+
+def _replay_board(port: str, vectors: Path, out: Path) -> Report:
+    """Replay on a real board over its serial protocol."""
+    with serial_protocol.open_port(port) as stream:
+        return serial_protocol.replay(stream, read_vectors(vectors).inputs, out)
 
 
 # --- comparison -----------------------------------------------------------------------------------------------------
@@ -324,8 +354,11 @@ ROWS = (
 
 def format_report(report: Report) -> str:
     """The table that the command prints."""
-    targets = [t for t in (*TARGETS, "onnx") if any(k.startswith(f"{t}_") for k in report)]
-    rows = [["largest differences from ONNX Runtime", *(TARGETS.get(t, "ONNX itself") for t in targets)]]
+    found = [
+        k.removesuffix("_dx_relative_max") for k in report if k.endswith("_dx_relative_max") and "float64" not in k
+    ]
+    targets = [*found, "onnx"]
+    rows = [["largest differences from ONNX Runtime", *(title(t) for t in found), "ONNX itself"]]
     for key, text, form in ROWS:
         values = [report.get(f"{t}_{key}") for t in targets]
         if any(v is not None for v in values):
@@ -338,30 +371,38 @@ def verify(
     source: Path,
     build_dir: Path,
     min_samples: int = 1000,
-    firmware: bool = False,
+    on_targets: tuple[str, ...] = (),
+    port: str | None = None,
     echo: Callable[[str], object] = click.echo,
 ) -> Report:
     """Replay `source` (data set folder or vector file) through the models of `export_dir`; returns flat figures.
 
-    `build_dir` holds the compiled runtime. "ok" tells whether every sample met every criterion; "failures" says which
-    did not. Raises AminnError where something cannot be run at all.
+    `build_dir` holds the compiled runtime; `on_targets` are names of `targets.TARGETS` to replay on as well, `port` is
+    the serial port (or socket or pipe) of a board that runs the firmware's serial protocol. "ok" tells whether every
+    sample met every criterion; "failures" says which did not. Raises AminnError where something cannot be run at all.
     """
     model = read_bin_model(export_dir / f"{model_prefix(export_dir)}.bin")
     samples = load_samples(source, min_samples)
     exact = evaluate_exact(export_dir, model, samples.inputs)
     report: Report = {"samples": len(samples.inputs["q"])} | _onnx_figures(exact)
-    replays = {"host_bin": _replay_bin, "host_c": _replay_c} | ({"cortex_m7": _replay_firmware} if firmware else {})
+    replays: dict[str, Callable[[Path, Path], Report]] = {
+        "host_bin": lambda vectors, out: _replay_bin(export_dir, build_dir, vectors, out),
+        "host_c": lambda vectors, out: _replay_c(export_dir, build_dir, vectors, out),
+    }
+    replays |= {name: partial(_replay_target, name, export_dir) for name in dict.fromkeys(on_targets)}
+    if port is not None:
+        replays["board"] = partial(_replay_board, port)
     wrong = check_files(export_dir)
     with tempfile.TemporaryDirectory(prefix="aminn-verify-") as folder:
         vectors = Path(folder) / "vectors.bin"
         write_vectors(vectors, {name: samples.inputs[name] for name in INPUT_SHAPES}, exact.onnx)
         for target, replay in replays.items():
             out = Path(folder) / f"{target}.bin"
-            own_figures = replay(export_dir, build_dir, vectors, out)
+            own_figures = replay(vectors, out)
             figures, shares = compare(read_results(out), exact)
             figures |= own_figures
             report |= {f"{target}_{key}": value for key, value in figures.items()}
-            wrong += failures(TARGETS[target], figures, shares, samples)
+            wrong += failures(title(target), figures, shares, samples)
     report |= {"ok": not wrong, "failures": "; ".join(wrong)}
     echo(f"{report['samples']} samples, {report['predicted_stable_share']:.1%} predicted stable")
     echo(format_report(report))
