@@ -1,6 +1,10 @@
-"""Times the compiled runtime beside ONNX Runtime: one thread, one sample a call, the same samples, in turns.
+"""Times the compiled runtime beside the floor of its own matrix-vector products and beside ONNX Runtime.
 
 python -m aminn_export.bench --model tests/golden --build build/host --json build/reports/bench.json
+
+One thread, one sample a call, the same samples, in turns, in one program (runtime/tools/aminn_bench.cpp): Eigen and
+OpenBLAS doing the products alone, the runtime, ONNX Runtime through its C interface on `aminn.onnx`, and ONNX Runtime
+on a plain MLP with as many parameters.
 """
 
 from __future__ import annotations
@@ -9,65 +13,83 @@ import json
 import os
 import platform
 import tempfile
-import time
+from itertools import pairwise
 from pathlib import Path
 
 import click
 import numpy as np
+import onnx
 import onnxruntime as ort
-from numpy.typing import NDArray
+from onnx import TensorProto, helper, numpy_helper
 
 from aminn.checkpoint import write_json
-from aminn.dims import INPUT_SHAPES, OUTPUT_SHAPES
 from aminn.errors import AminnError
 
-from .bin_model import read_bin_model
+from .bin_model import BinModel, read_bin_model
 from .export import GOLDEN_FILE, ONNX_FILE
-from .golden import single_thread_session
-from .onnx_model import build_onnx
-from .vectors import read_vectors
-from .verify import cmake_cache, find_in, model_prefix, run_program, runtime_source
+from .onnx_model import IR_VERSION, OPSET, build_onnx
+from .targets import run
+from .vectors import N_IN
+from .verify import find_in, model_prefix, runtime_source
 
-ROUNDS = 5
-# Calls of each runtime in a round; the rounds take turns, so that a change of clock rate meets both.
-RUNTIME_CALLS, ONNX_CALLS = 20000, 2000
+ROUNDS = 1000
+MLP_OUTPUTS = 7  # p_stable and dx_ht
+RATIO_LIMITS = {
+    "runtime_to_floor_ratio": ("<=", 1.5),
+    "onnx_to_runtime_ratio": (">=", 10.0),
+    "mlp_to_runtime_ratio": (">=", 1.0),
+}
+WARNINGS = ["-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-Werror"]
+Report = dict[str, float | int | str | bool]
 
 
-def compile_bench(build_dir: Path, program: Path) -> None:
-    """Compile the timing program against the built library."""
+def parameters(model: BinModel) -> int:
+    """Trained numbers of a model: weights and biases."""
+    return sum(v.size for name, v in model.tensors.items() if name.endswith(("_w", "_b")))
+
+
+def plain_mlp(n_parameters: int) -> onnx.ModelProto:
+    """An ONNX model of two hidden layers, 125 inputs and 7 outputs, with at most so many parameters."""
+    b = N_IN + 1 + 1 + MLP_OUTPUTS  # h^2 + b h + 7 parameters
+    h = int((-b + np.sqrt(b * b + 4 * (n_parameters - MLP_OUTPUTS))) / 2)
+    rng = np.random.default_rng(0)
+    sizes = (N_IN, h, h, MLP_OUTPUTS)
+    nodes, tensors, value = [], [], "x"
+    for i, (n_in, n_out) in enumerate(pairwise(sizes)):
+        for name, shape in ((f"w{i}", (n_in, n_out)), (f"b{i}", (n_out,))):
+            array = (rng.normal(size=shape) / np.sqrt(n_in)).astype(np.float32)
+            tensors.append(numpy_helper.from_array(array, name))
+        last = i == len(sizes) - 2
+        nodes.append(helper.make_node("Gemm", [value, f"w{i}", f"b{i}"], ["y" if last else f"z{i}"]))
+        if not last:
+            nodes.append(helper.make_node("Relu", [f"z{i}"], [f"h{i}"]))
+        value = f"h{i}"
+    ends = [helper.make_tensor_value_info(n, TensorProto.FLOAT, [1, k]) for n, k in (("x", N_IN), ("y", MLP_OUTPUTS))]
+    graph = helper.make_graph(nodes, "mlp", ends[:1], ends[1:], tensors)
+    return helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=IR_VERSION)
+
+
+def onnxruntime_library() -> Path:
+    """The shared library inside the installed package."""
+    found = sorted((Path(ort.__file__).parent / "capi").glob("libonnxruntime.so.*"))
+    if not found:
+        raise AminnError(f"{Path(ort.__file__).parent}: no libonnxruntime.so there; this build of it cannot be timed")
+    return found[0]
+
+
+def compile_bench(model: BinModel, build_dir: Path, program: Path) -> None:
+    """Compile the timing program for the model's widths against the built library, for this very processor."""
     source = runtime_source(build_dir)
-    command = [cmake_cache(build_dir).get("CMAKE_C_COMPILER", "cc"), "-std=c99", "-O2", f"-I{source / 'include'}"]
-    command += [str(source / "tools" / name) for name in ("aminn_bench.c", "host_file.c")]
-    command += [str(find_in(build_dir, "libaminn_rt.a")), "-lm"]
-    run_program([*command, "-o", str(program)], "compiling aminn_bench")
-
-
-class OnnxTimer:
-    """Times single samples through ONNX Runtime, inputs and outputs bound beforehand: the least that it can take."""
-
-    def __init__(self, session: ort.InferenceSession, inputs: dict[str, NDArray]) -> None:
-        self.session, self.inputs, self.n = session, inputs, len(inputs["q"])
-        self.bound = {
-            k: ort.OrtValue.ortvalue_from_numpy(np.zeros((1, *s), np.float32)) for k, s in INPUT_SHAPES.items()
-        }
-        self.binding = session.io_binding()
-        for name, value in self.bound.items():
-            self.binding.bind_ortvalue_input(name, value)
-        for name, shape in OUTPUT_SHAPES.items():
-            value = ort.OrtValue.ortvalue_from_numpy(np.zeros((1, *shape), np.float32))
-            self.binding.bind_ortvalue_output(name, value)
-
-    def times_us(self, calls: int) -> list[float]:
-        """Durations of so many calls."""
-        times = []
-        for i in range(calls):
-            k = i % self.n
-            for name, value in self.bound.items():
-                value.update_inplace(self.inputs[name][k : k + 1])
-            start = time.perf_counter_ns()
-            self.session.run_with_iobinding(self.binding)
-            times.append(1e-3 * (time.perf_counter_ns() - start))
-        return times
+    widths = {"HC": "contact_width", "H": "width", "HD": "classifier_width"}
+    include = [f"-I{source / 'include'}", f"-I{source / 'tools'}", "-isystem", "/usr/include/eigen3"]
+    run(
+        ["gcc", "-std=c99", "-O2", *include, "-c", str(source / "tools" / "host_file.c"), "-o", f"{program}.o"],
+        "compiling",
+    )
+    command = ["g++", "-std=c++17", "-O3", "-march=native", *WARNINGS, *include]
+    command += [f"-D{name}={model.meta[key]}" for name, key in widths.items()]
+    command += [str(source / "tools" / "aminn_bench.cpp"), f"{program}.o", str(find_in(build_dir, "libaminn_rt.a"))]
+    run([*command, "-lopenblas", "-ldl", "-lm", "-o", str(program)], "compiling aminn_bench")
 
 
 def _cpu() -> str:
@@ -75,62 +97,54 @@ def _cpu() -> str:
     return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), platform.machine())
 
 
-def _session(model_dir: Path, blob: Path) -> tuple[ort.InferenceSession, int]:
-    """The exported ONNX model, or the same graph made from the binary model where only that is kept."""
-    file = model_dir / ONNX_FILE
-    model = file.read_bytes() if file.is_file() else build_onnx(read_bin_model(blob)).SerializeToString()
-    return single_thread_session(model), len(model)
-
-
-def bench(model_dir: Path, vectors: Path, build_dir: Path) -> dict[str, float | int | str]:
-    """Times of both runtimes in microseconds a call, and their ratio. Raises AminnError where something is missing."""
+def bench(model_dir: Path, vectors: Path, build_dir: Path, rounds: int = ROUNDS) -> Report:
+    """Times in microseconds a call, and their ratios. Raises AminnError where something is missing."""
     blob = model_dir / f"{model_prefix(model_dir)}.bin"
-    inputs = read_vectors(vectors).inputs
-    session, onnx_bytes = _session(model_dir, blob)
-    onnx = OnnxTimer(session, inputs)
-    onnx.times_us(200)
-    onnx_times: list[float] = []
-    runtime_rounds: list[dict[str, float]] = []
+    model = read_bin_model(blob)
     with tempfile.TemporaryDirectory(prefix="aminn-bench-") as folder:
-        program = Path(folder) / "aminn_bench"
-        compile_bench(build_dir, program)
-        rounds = str(max(1, RUNTIME_CALLS // onnx.n))
-        for _ in range(ROUNDS):
-            runtime_rounds.append(json.loads(run_program([program, blob, vectors, rounds], "aminn_bench")))
-            onnx_times += onnx.times_us(ONNX_CALLS)
-    report: dict[str, float | int | str] = {
-        f"runtime_{key}": float((max if key.endswith("max") else np.median)([r[key] for r in runtime_rounds]))
-        for key in runtime_rounds[0]
-    }
-    quantiles = {"median": 0.5, "p99": 0.99, "max": 1.0}
-    report |= {f"onnx_us_{key}": float(np.quantile(onnx_times, q)) for key, q in quantiles.items()}
-    report["onnx_us_mean"] = float(np.mean(onnx_times))
-    median = float(report["onnx_us_median"])
+        program, graph, mlp = (Path(folder) / name for name in ("aminn_bench", "aminn.onnx", "mlp.onnx"))
+        file = model_dir / ONNX_FILE
+        graph.write_bytes(file.read_bytes() if file.is_file() else build_onnx(model).SerializeToString())
+        mlp.write_bytes(plain_mlp(parameters(model)).SerializeToString())
+        compile_bench(model, build_dir, program)
+        command = [str(program), str(blob), str(vectors), str(rounds), str(onnxruntime_library()), str(graph), str(mlp)]
+        report: Report = json.loads(run(command, "aminn_bench"))
+        report["onnx_nodes"] = len(onnx.load(graph).graph.node)
+    missed = [
+        name
+        for name, (sign, limit) in RATIO_LIMITS.items()
+        if not (float(report[name]) <= limit if sign == "<=" else float(report[name]) >= limit)
+    ]
     return report | {
-        "onnx_to_runtime_ratio": median / float(report["runtime_predict_us_median"]),
-        "onnx_to_runtime_both_stages_ratio": median / float(report["runtime_both_stages_us_median"]),
-        "samples": onnx.n,
-        "onnx_bytes": onnx_bytes,
+        "parameters": parameters(model),
         "runtime_model_bytes": blob.stat().st_size,
-        "onnxruntime_version": ort.__version__,
         "cpu": _cpu(),
         "cpu_cores": os.cpu_count() or 0,
+        "aims_missed": ", ".join(missed),
     }
 
 
-def format_bench(report: dict[str, float | int | str]) -> str:
+ROWS = (
+    ("products alone, Eigen, sizes known", "floor_eigen_fixed"),
+    ("products alone, Eigen", "floor_eigen_dynamic"),
+    ("products alone, OpenBLAS", "floor_openblas"),
+    ("products alone, OpenBLAS, transposed", "floor_openblas_transposed"),
+    ("runtime, both stages", "runtime_both_stages"),
+    ("runtime, as a controller calls it", "runtime_as_called"),
+    ("runtime, both stages and closure", "runtime_both_stages_and_closure"),
+    ("ONNX Runtime, aminn.onnx", "onnx"),
+    ("ONNX Runtime, plain MLP", "onnx_mlp"),
+)
+
+
+def format_bench(report: Report) -> str:
     """The table that the program prints."""
-    rows: list[tuple[str, ...]] = [("microseconds a call", "mean", "median", "p99", "largest")]
-    for text, key in (
-        ("C runtime, as a controller calls it", "runtime_predict_us"),
-        ("C runtime, both stages", "runtime_both_stages_us"),
-        ("C runtime, both stages and closure", "runtime_both_stages_and_closure_us"),
-        ("ONNX Runtime, one thread", "onnx_us"),
-    ):
-        rows.append((text, *(f"{report[f'{key}_{q}']:.1f}" for q in ("mean", "median", "p99", "max"))))
-    lines = [f"{r[0]:<36}{r[1]:>9}{r[2]:>9}{r[3]:>9}{r[4]:>9}" for r in rows]
-    ratio = f"the C runtime is {report['onnx_to_runtime_both_stages_ratio']:.0f} times as fast for the same outputs"
-    return "\n".join([*lines, f"{ratio} ({report['cpu']})"])
+    lines = [f"{'microseconds a call':<40}{'median':>9}{'least':>9}"]
+    lines += [f"{text:<40}{report[f'{key}_us']:>9.2f}{report[f'{key}_us_min']:>9.2f}" for text, key in ROWS]
+    for name, (sign, limit) in RATIO_LIMITS.items():
+        verdict = "missed" if name in str(report["aims_missed"]) else "met"
+        lines.append(f"{name} {report[name]:.2f}, aim {sign} {limit:g}: {verdict}")
+    return "\n".join([*lines, str(report["cpu"])])
 
 
 FOLDER = click.Path(path_type=Path, file_okay=False, exists=True)
@@ -144,13 +158,14 @@ FOLDER = click.Path(path_type=Path, file_okay=False, exists=True)
     "--vectors", type=click.Path(path_type=Path, dir_okay=False, exists=True), help="[default: its golden.bin]"
 )
 @click.option("--build", "build_dir", type=FOLDER, default=Path("build/host"), show_default=True, help="Built runtime.")
+@click.option("--rounds", default=ROUNDS, show_default=True, help="Rounds, in which all subjects take their turn.")
 @click.option(
     "--json", "json_file", type=click.Path(path_type=Path, dir_okay=False), default=Path("build/reports/bench.json")
 )
-def main(model_dir: Path, vectors: Path | None, build_dir: Path, json_file: Path) -> None:
-    """Time the compiled runtime beside ONNX Runtime."""
+def main(model_dir: Path, vectors: Path | None, build_dir: Path, rounds: int, json_file: Path) -> None:
+    """Time the compiled runtime beside its floor and beside ONNX Runtime."""
     try:
-        report = bench(model_dir, vectors or model_dir / GOLDEN_FILE, build_dir)
+        report = bench(model_dir, vectors or model_dir / GOLDEN_FILE, build_dir, rounds)
     except (AminnError, OSError) as error:
         raise click.ClickException(str(error)) from error
     json_file.parent.mkdir(parents=True, exist_ok=True)
