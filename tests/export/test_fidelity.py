@@ -1,0 +1,79 @@
+"""Adversarial states, the float64 truth, and equal bits of several compilers; the figures are `make fidelity`'s."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from runtime_models import RandomModel, closure, random_inputs
+
+from aminn.dims import INPUT_SHAPES, OUTPUT_SHAPES
+from aminn.errors import AminnError
+from aminn_export.adversarial import KINDS, adversarial_states
+from aminn_export.adversarial import closure as own_closure
+from aminn_export.fidelity import SquareRootReference
+from aminn_export.golden import run_onnx, single_thread_session
+from aminn_export.reference import Reference
+from aminn_export.targets import HOSTED, replay, replay_all
+from aminn_export.vectors import read_results, write_vectors
+
+
+def test_both_float64_forms_agree(exported: RandomModel) -> None:
+    x = random_inputs(200, 3)
+    plain, root = Reference(exported)(x), SquareRootReference(exported)(x)
+    for name in OUTPUT_SHAPES:
+        np.testing.assert_allclose(root[name], plain[name], rtol=1e-6, atol=1e-9 * np.abs(plain[name]).max())
+
+
+def test_the_closure_is_the_definitions(exported: RandomModel) -> None:
+    x = {k: np.asarray(v, np.float64) for k, v in random_inputs(50, 4).items()}
+    j_x, j_q = own_closure(x["q"], x["x_ht"], x["contacts"], exported)
+    closed = (x["contacts"][..., 0] > 0)[..., None, None]
+    other_x, other_q = closure(x["q"], x["x_ht"], x["contacts"], exported.tensors)
+    np.testing.assert_allclose(j_x, other_x * closed, atol=1e-14)
+    np.testing.assert_allclose(j_q, other_q * closed, atol=1e-14)
+
+
+def test_adversarial_states_are_what_they_are_called(exported: RandomModel) -> None:
+    simulated = random_inputs(300, 5)
+    x, kind = adversarial_states(simulated, exported, 80 * len(KINDS), seed=1)
+    assert all(np.isfinite(v).all() for v in x.values())
+    assert {k: v.shape[1:] for k, v in x.items()} == INPUT_SHAPES
+    rows = {name: kind == k for k, name in enumerate(KINDS)}
+    flags = (x["contacts"][..., 0] > 0).sum(1)
+    assert (flags[rows["one_contact"]] <= 1).all()
+    assert (flags[rows["two_contacts"]] <= 2).all()
+    for name in ("straight_fingers", "near_singular_j_q"):
+        s = np.linalg.svd(x["j_q"][rows[name]].astype(float), compute_uv=False)
+        assert np.median(s[..., 2] / s[..., 0].max()) < 0.05
+    assert np.abs(x["w_e"][rows["large_wrench"]]).max() > 100 * np.abs(simulated["w_e"]).mean()
+    again, _ = adversarial_states(simulated, exported, 80 * len(KINDS), seed=1)
+    assert all(np.array_equal(x[k], again[k]) for k in x)
+
+
+def test_compilers_give_the_same_bits(export_dir: Path, tmp_path: Path, exported: RandomModel) -> None:
+    names = tuple(
+        n
+        for n in (
+            "x86_64_gcc_O0",
+            "x86_64_gcc_O3_avx2_fma",
+            "x86_64_gcc_O3_scalar",
+            "aarch64_gcc_O2",
+            "powerpc_gcc_O2",
+            "x86_64_clang_O2",
+        )
+        if shutil.which(HOSTED[n].compiler) and (not HOSTED[n].emulator or shutil.which(HOSTED[n].emulator))
+    )
+    x, _ = adversarial_states(random_inputs(100, 6), exported, 160)
+    write_vectors(tmp_path / "v.bin", x, run_onnx(single_thread_session(export_dir / "aminn.onnx"), x))
+    replays = replay_all(names, export_dir, "aminn_model", tmp_path / "v.bin", tmp_path, 2)
+    contents = {out.read_bytes() for out, _ in replays.values()}
+    assert len(contents) == 1
+    assert (read_results(replays[names[0]][0]).status == 0).all()
+
+
+def test_an_unknown_target_is_named(export_dir: Path, tmp_path: Path) -> None:
+    with pytest.raises(AminnError, match="no target 'z80'"):
+        replay("z80", export_dir, "aminn_model", tmp_path / "v.bin", tmp_path)
