@@ -1,23 +1,33 @@
 #!/usr/bin/env python3
-"""Sizes of the runtime on a Cortex-M7: code, data, context, stack, model; as JSON with flat keys.
+"""What the runtime costs on Cortex-M cores: text, model, RAM, worst-case stack, instructions; as JSON with flat keys.
 
-    python3 runtime/tools/size_report.py --build build/firmware --out build/reports/size.json
+    python3 runtime/tools/size_report.py cortex_m7=build/firmware:build/reports/firmware.json ...
 
-Reads the archive and the image that runtime/firmware builds (needs arm-none-eabi binutils), and the figures of its
-replay (firmware.json) if they are there. Prints each figure with its change since the previous report. Needs nothing
-but the standard library.
+Each argument names a core, the build folder of runtime/firmware for its board, and the report of its replay in qemu.
+The stack is the deepest path of the compiler's own call graph (-fcallgraph-info=su), the instructions are qemu's.
+Prints each figure with its change since the previous report, and the aims that are missed. Needs arm-none-eabi
+binutils and the standard library alone.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 TOOLS = "arm-none-eabi-"
-RUN_FIGURES = ("context_bytes", "stack_predict_bytes", "stack_high_water_bytes", "instructions_worst")
+ENTRY = "aminn_predict_state"
+# Frames of the C library's functions that the runtime calls (newlib-nano, read off their disassembly).
+LIBRARY_FRAMES = {"memcpy": 8, "memset": 8, "memmove": 8, "memcmp": 8}
+RUN_FIGURES = ("context_bytes", "stack_predict_bytes", "instructions_per_prediction", "instructions_worst")
+AIMS = {"library_text_bytes": 8000, "context_bytes": 4000, "stack_worst_bytes": 3000, "instructions_per_mac": 3.0}
+FORBIDDEN = re.compile(
+    r"^_*(malloc|free|calloc|realloc|sbrk|cxa_\w+|Unwind_\w+|gxx_personality\w*|stack_chk_\w+|\w*printf\w*|f?puts|fopen|fwrite"
+    r"|aeabi_d\w+|aeabi_\w+2d|\w+df[23]|Zn[wa]\w*|Zd[la]\w*)(_r)?$"
+)
 
 
 def die(text: str) -> None:
@@ -36,68 +46,132 @@ def tool(name: str, *args: str) -> str:
     raise AssertionError
 
 
-def sections(path: Path) -> dict[str, tuple[int, int, int]]:
-    """(text, data, bss) of each member of an archive, or of an image, in bytes."""
-    rows = [line.split(None, 5) for line in tool("size", str(path)).splitlines()[1:]]
-    return {row[5].split()[0]: (int(row[0]), int(row[1]), int(row[2])) for row in rows}
+def symbols(path: Path) -> dict[str, tuple[int, str]]:
+    """(bytes, kind) of each defined symbol with a size."""
+    rows = [line.split() for line in tool("nm", "-S", "--defined-only", str(path)).splitlines()]
+    return {row[3]: (int(row[1], 16), row[2]) for row in rows if len(row) == 4}
+
+
+def library_text(archive: Path, image: Path) -> dict[str, int]:
+    """Bytes of the library's code and constants in the image, and in the whole archive."""
+    own = {name: size for name, (size, kind) in symbols(archive).items() if kind in "tTwWrRvV"}
+    linked = {name for name, (_, kind) in symbols(image).items() if kind in "tTwWrRvV"}
+    writable = [name for name, (_, kind) in symbols(archive).items() if kind in "dDbBC"]
+    if writable:
+        die(f"{archive}: holds writable data: {', '.join(writable)}")
+    return {
+        "library_text_bytes": sum(s for n, s in own.items() if n in linked),
+        "archive_text_bytes": sum(own.values()),
+    }
 
 
 def model_bytes(image: Path, prefix: str) -> int:
     """Bytes of the model's tables in the image: constants whose names are the prefix or start with it."""
-    rows = [row for line in tool("nm", "-S", str(image)).splitlines() if len(row := line.split()) == 4]
-    return sum(int(size, 16) for _, size, kind, name in rows if kind in "rR" and f"{name}_".startswith(f"{prefix}_"))
+    return sum(
+        size for name, (size, kind) in symbols(image).items() if kind in "rR" and f"{name}_".startswith(f"{prefix}_")
+    )
 
 
-def measure(build: Path, model: str) -> dict[str, int]:
-    """All figures."""
+def forbidden(image: Path) -> list[str]:
+    """Symbols that must not be in the image: allocator, exceptions, guards, stdio, double precision in software."""
+    rows = [line.split() for line in tool("nm", str(image)).splitlines()]
+    return sorted({row[-1] for row in rows if FORBIDDEN.match(row[-1])})
+
+
+class CallGraph:
+    """Frames and calls of all objects below a folder, from the compiler's .ci files."""
+
+    def __init__(self, folder: Path) -> None:
+        self.frames: dict[str, int] = {}
+        self.calls: dict[str, set[str]] = {}
+        files = sorted(folder.rglob("*.ci"))
+        if not files:
+            die(f"{folder}: no call graph (*.ci); build with the project's CMake files")
+        for file in files:
+            self._read(file.read_text())
+
+    def _read(self, text: str) -> None:
+        for title, label in re.findall(r'node: \{ title: "([^"]+)" label: "([^"]*)"', text):
+            frame = re.search(r"(\d+) bytes \((\w+(?:,\w+)?)\)", label)
+            if frame:
+                if frame[2] not in ("static", "dynamic,bounded"):
+                    die(f"{title}: its frame is {frame[2]}: the stack has no bound")
+                self.frames[self._name(title)] = int(frame[1])
+        for source, target in re.findall(r'edge: \{ sourcename: "([^"]+)" targetname: "([^"]+)"', text):
+            self.calls.setdefault(self._name(source), set()).add(self._name(target))
+
+    @staticmethod
+    def _name(title: str) -> str:
+        return title.rsplit(":", 1)[-1]
+
+    def depth(self, name: str, above: tuple[str, ...] = ()) -> int:
+        """Bytes of the deepest path from a function on."""
+        if name in above:
+            die(f"{name} calls itself: {' '.join(above)}")
+        if name not in self.frames and name not in LIBRARY_FRAMES:
+            die(f"{name} is called by {above[-1] if above else 'nobody'} and has no known frame")
+        own = self.frames.get(name, LIBRARY_FRAMES.get(name, 0))
+        return own + max((self.depth(callee, (*above, name)) for callee in self.calls.get(name, ())), default=0)
+
+
+def multiply_accumulates(source: Path, model: str) -> int:
+    """Weights of the model, each used once in a prediction with both stages."""
+    text = source.read_text()
+    return sum(int(n) for n in re.findall(rf"static const \w+ {model}_\w+_w\[(\d+)\]", text))
+
+
+def measure(build: Path, report: Path, model_source: Path) -> dict[str, float]:
+    """All figures of one core."""
     archive, image = build / "aminn_rt" / "libaminn_rt.a", build / "aminn_firmware.elf"
-    for path in (archive, image):
+    for path in (archive, image, report, model_source):
         if not path.is_file():
-            die(f"{path}: not there; build runtime/firmware first (make firmware)")
-    members = sections(archive)
-    report = {
-        f"archive_{part}_bytes": sum(m[i] for m in members.values()) for i, part in enumerate(("text", "data", "bss"))
-    }
-    for name, (text, _, _) in sorted(members.items()):
-        report[f"archive_text_{name.split('.')[0]}_bytes"] = text
-    text, data, bss = next(iter(sections(image).values()))
-    report |= {"image_text_bytes": text, "image_data_bytes": data, "image_bss_bytes": bss}
-    report["image_stack_reserved_bytes"] = stack_reserved(image)
-    report["model_bytes"] = model_bytes(image, model)
-    return report
+            die(f"{path}: not there; build and run runtime/firmware first (make size does)")
+    bad = forbidden(image)
+    if bad:
+        die(f"{image} holds what it must not: {', '.join(bad)}")
+    run = json.loads(report.read_text())
+    macs = multiply_accumulates(model_source, model_source.stem)
+    figures: dict[str, float] = dict(library_text(archive, image))
+    figures["model_flash_bytes"] = model_bytes(image, model_source.stem)
+    figures |= {name: run[name] for name in RUN_FIGURES}
+    figures["stack_worst_bytes"] = CallGraph(build / "aminn_rt").depth(ENTRY)
+    figures["multiply_accumulates"] = macs
+    figures["instructions_per_mac"] = round(run["instructions_per_prediction"] / macs, 3)
+    return figures
 
 
-def stack_reserved(image: Path) -> int:
-    """Bytes that the linker script keeps for the stack."""
-    at = {row[2]: int(row[0], 16) for line in tool("nm", str(image)).splitlines() if len(row := line.split()) == 3}
-    return at["__stack_top"] - at["__stack_limit"]
-
-
-def with_run(report: dict[str, int], firmware_report: Path) -> dict[str, int]:
-    """Add what the replay measured."""
-    if not firmware_report.is_file():
-        print(f"size_report: no {firmware_report}: stack and instructions are left out (make firmware measures them)")
-        return report
-    run = json.loads(firmware_report.read_text())
-    return report | {name: run[name] for name in RUN_FIGURES if name in run}
+def missed_aims(report: dict[str, float | str], cores: list[str]) -> list[str]:
+    """Aims that a core does not meet."""
+    return [
+        f"{core}_{name}" for core in cores for name, aim in AIMS.items() if not float(report[f"{core}_{name}"]) <= aim
+    ]
 
 
 def main() -> None:
     """Entry point."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--build", type=Path, default=Path("build/firmware"), help="build folder of runtime/firmware")
-    parser.add_argument("--firmware-report", type=Path, default=Path("build/reports/firmware.json"))
+    parser.add_argument("cores", nargs="+", help="CORE=BUILD_FOLDER:REPLAY_REPORT")
     parser.add_argument("--out", type=Path, default=Path("build/reports/size.json"))
-    parser.add_argument("--model", default="aminn_model", help="prefix of the model in the image")
+    parser.add_argument("--model", type=Path, default=Path("tests/golden/aminn_model.c"), help="C model in the images")
     args = parser.parse_args()
-    report = with_run(measure(args.build, args.model), args.firmware_report)
+    report: dict[str, float | str] = {}
+    names = []
+    for item in args.cores:
+        core, _, paths = item.partition("=")
+        build, _, run = paths.rpartition(":")
+        names.append(core)
+        report |= {f"{core}_{key}": value for key, value in measure(Path(build), Path(run), args.model).items()}
+    report["aims_missed"] = ", ".join(missed_aims(report, names))
     before = json.loads(args.out.read_text()) if args.out.is_file() else {}
     for name, value in report.items():
-        change = value - before.get(name, value)
-        print(f"  {name:40s} {value:9d}" + (f"  {change:+d}" if change else ""))
+        if isinstance(value, str):
+            continue
+        old = before.get(name, value)
+        print(f"  {name:44s} {value:>10}" + (f"  {value - old:+g}" if value != old else ""))
+    print(f"  aims missed: {report['aims_missed'] or 'none'}")
     args.out.parent.mkdir(parents=True, exist_ok=True)
     args.out.write_text(json.dumps(report, indent=2, sort_keys=True) + "\n")
-    print(f"Sizes on Cortex-M7: {args.out}")
+    print(f"Sizes on {', '.join(names)}: {args.out}")
 
 
 if __name__ == "__main__":
