@@ -102,8 +102,16 @@ golden: demo ## the demo's model becomes the reference model in tests/golden (wh
 	@echo "Reference model: tests/golden"
 
 .PHONY: bench
-bench: setup-python setup-host ## time of one prediction, C runtime beside ONNX Runtime, on the reference model
+bench: setup-python setup-host $(STAMPS)/apt-bench ## time of one prediction beside its own matrix products and ONNX Runtime
 	@$(PYTHON) -m aminn_export.bench --model tests/golden --build $(HOST) --json $(REPORTS)/bench.json
+
+.PHONY: fidelity
+fidelity: setup-python setup-host setup-arm $(STAMPS)/apt-cross $(STAMPS)/apt-fuzz ## errors to float64 beside ONNX Runtime's; the bits of 15 targets
+	@[ -f $(BUILD)/fidelity/data/manifest.json ] || $(VENV)/bin/aminn simulate --out $(BUILD)/fidelity/data \
+	  --grasps 1250 --cases 16 --seed 77 --threads $(THREADS)
+	@$(PYTHON) -m aminn_export.fidelity --model tests/golden --data $(BUILD)/fidelity/data --work $(BUILD)/fidelity \
+	  --jobs $(JOBS) --json $(REPORTS)/fidelity.json
+	@echo "Report: $(REPORTS)/fidelity.json"
 
 .PHONY: firmware
 firmware: setup-firmware ## the library on a Cortex-M7, replayed in qemu on the golden vectors and compared
@@ -111,9 +119,20 @@ firmware: setup-firmware ## the library on a Cortex-M7, replayed in qemu on the 
 	@echo "Image: $(FIRMWARE)/aminn_firmware.elf, report: $(REPORTS)/firmware.json"
 
 .PHONY: size
-size: firmware ## code, data, stack and model bytes on the Cortex-M7, with their change
-	@python3 runtime/tools/size_report.py --build $(FIRMWARE) --firmware-report $(REPORTS)/firmware.json \
-	  --out $(REPORTS)/size.json
+size: firmware $(STAMPS)/firmware-mps2-an386 $(STAMPS)/firmware-mps2-an505 ## text, model, RAM, worst stack, instructions on Cortex-M4F, M7, M33
+	@cmake --build $(FIRMWARE)-mps2-an386 --target check
+	@cmake --build $(FIRMWARE)-mps2-an505 --target check
+	@python3 runtime/tools/size_report.py --out $(REPORTS)/size.json \
+	  cortex_m4=$(FIRMWARE)-mps2-an386:$(FIRMWARE)-mps2-an386/firmware.json \
+	  cortex_m7=$(FIRMWARE):$(REPORTS)/firmware.json cortex_m33=$(FIRMWARE)-mps2-an505:$(FIRMWARE)-mps2-an505/firmware.json
+
+.PHONY: coverage
+coverage: $(STAMPS)/unity $(STAMPS)/apt-check ## lines and branches of runtime/src that the C tests reach
+	@tools/setup/coverage.sh $(BUILD)/coverage $(REPORTS)
+
+.PHONY: check
+check: setup-python $(STAMPS)/unity $(STAMPS)/apt-check $(STAMPS)/apt-fuzz ## sanitizers, valgrind, clang-tidy, cppcheck, gcc -fanalyzer on the runtime
+	@tools/setup/check.sh $(BUILD)/check $(REPORTS)
 
 .PHONY: fuzz
 fuzz: $(STAMPS)/fuzz ## the library against arbitrary models and inputs, with clang's fuzzer and sanitizers (FUZZ_SECONDS=60)
@@ -190,6 +209,15 @@ $(STAMPS)/firmware: $(FIRMWARE_SOURCES) | $(STAMPS)/apt-host $(STAMPS)/apt-arm
 	  --toolchain $(CURDIR)/runtime/firmware/arm-none-eabi.cmake -DMODEL_DIR=$(CURDIR)/tests/golden \
 	  -DCOMPARE=$(CURDIR)/$(HOST)/runtime/aminn_compare -DREPORT=$(CURDIR)/$(REPORTS)/firmware.json
 	@$(QUIET) $(BUILD)/logs/firmware.log cmake --build $(FIRMWARE) --parallel $(JOBS)
+	@touch $@
+
+# The same for another of qemu's boards.
+$(STAMPS)/firmware-%: $(FIRMWARE_SOURCES) | $(STAMPS)/host $(STAMPS)/apt-arm
+	@echo "Building the firmware for $*"
+	@$(QUIET) $(BUILD)/logs/firmware-$*-configure.log cmake -S runtime/firmware -B $(FIRMWARE)-$* -G Ninja \
+	  --toolchain $(CURDIR)/runtime/firmware/arm-none-eabi.cmake -DBOARD=$* -DMODEL_DIR=$(CURDIR)/tests/golden \
+	  -DCOMPARE=$(CURDIR)/$(HOST)/runtime/aminn_compare
+	@$(QUIET) $(BUILD)/logs/firmware-$*.log cmake --build $(FIRMWARE)-$* --parallel $(JOBS)
 	@touch $@
 
 # The library with sanitizers, and the fuzz targets.

@@ -36,8 +36,21 @@ packages() {
     fuzz) # the compiler that brings libFuzzer, and the sanitizers' libraries
       echo "clang-14 have clang-14 && have clang++-14"
       echo "libclang-rt-14-dev" ;;
+    bench) # the other program that multiplies matrices with vectors, and the one whose views are offered
+      echo "libopenblas-dev"
+      echo "libeigen3-dev" ;;
+    cross) # other processors, emulated
+      echo "qemu-user have qemu-aarch64"
+      echo "g++-aarch64-linux-gnu have aarch64-linux-gnu-g++"
+      echo "g++-riscv64-linux-gnu have riscv64-linux-gnu-g++"
+      echo "g++-powerpc-linux-gnu have powerpc-linux-gnu-g++" ;;
+    check) # what reads the code and watches it run
+      echo "gcovr have gcovr"
+      echo "valgrind have valgrind"
+      echo "cppcheck have cppcheck"
+      echo "clang-tidy have clang-tidy" ;;
     *)
-      echo "apt.sh: no group '$1' (make host sim view python arm test fuzz)" >&2
+      echo "apt.sh: no group '$1' (make host sim view python arm test fuzz bench cross check)" >&2
       exit 2 ;;
   esac
 }
