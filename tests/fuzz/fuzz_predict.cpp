@@ -91,7 +91,10 @@ void check_still_works(Predictor &p)
 void check_closure(Predictor &p, aminn_input_t in, aminn_status_t status)
 {
     aminn_output_t given;
-    FUZZ_CHECK(aminn_closure(&aminn_model, in.q, in.x_ht, in.contacts, in.j_x, in.j_q) == AMINN_OK);
+    if (aminn_closure(&aminn_model, in.q, in.x_ht, in.contacts, in.j_x, in.j_q) != AMINN_OK) {
+        FUZZ_CHECK(status != AMINN_OK); // a joint angle whose sine has no digits
+        return;
+    }
     const aminn_status_t again = aminn_predict(&p.ctx, &in, &given);
     if (status == AMINN_OK) {
         FUZZ_CHECK(again == AMINN_OK && std::memcmp(&given, &out, sizeof out) == 0);

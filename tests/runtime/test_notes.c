@@ -144,6 +144,16 @@ static void a_joint_turned_thousands_of_times_is_refused_where_its_sine_is_neede
     TEST_ASSERT_FLOAT_IS_NAN(j_q[0][0][0]);
 }
 
+/* one contact holds a moment by next to nothing: the displacement is finite, the load's work is not */
+static void work_beyond_float_is_refused(void)
+{
+    memset(in.w_e, 0, sizeof in.w_e);
+    in.contacts[1][0] = in.contacts[2][0] = 0.0F;
+    in.w_e[3] = 1e18F;
+    TEST_ASSERT_EQUAL_INT(AMINN_E_NUMERIC, aminn_predict(&ctx, &in, &out));
+    assert_failed_output(&out);
+}
+
 static void loads_beyond_float_are_refused(void)
 {
     in.w_e[0] = 3e38F;
@@ -164,6 +174,7 @@ int main(void)
     RUN_TEST(each_number_that_is_none_is_refused);
     RUN_TEST(denormals_and_a_zero_wrench_are_fine);
     RUN_TEST(a_joint_turned_thousands_of_times_is_refused_where_its_sine_is_needed);
+    RUN_TEST(work_beyond_float_is_refused);
     RUN_TEST(loads_beyond_float_are_refused);
     return UNITY_END();
 }
