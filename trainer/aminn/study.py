@@ -39,6 +39,8 @@ Figures = dict[str, float]
 # To be raised with every change of the figures, so that those of kept runs are taken again.
 FIGURES_VERSION = 1
 BASE = TrainConfig()
+BASELINE = replace(BASE, kind="mlp", weight_decay=0.0)
+"""The MLP without weight decay: on validation grasps its RMSE is a sixth less so, AMINN's is not (`make ablation`)."""
 FRACTIONS = (1.0, 0.1, 0.03, 0.3, 0.01)
 """Shares of the training grasps, in the order in which they are trained."""
 ABLATION_FRACTION = 0.3
@@ -132,7 +134,7 @@ ABLATIONS: dict[str, TrainConfig] = {
     "no_engagement": _loss(engagement=0.0),
     "no_weight_decay": replace(BASE, weight_decay=0.0),
     "mlp_loss_norm": replace(_loss(relative=1e9), kind="mlp"),
-    "mlp_no_weight_decay": replace(BASE, kind="mlp", weight_decay=0.0),
+    "mlp_no_weight_decay": BASELINE,
 }
 """Choices that the method leaves open, each alone against what is shipped; the MLP gets those that concern it."""
 
@@ -142,8 +144,8 @@ def paper_jobs(seeds: int) -> Iterator[Job]:
     for seed in range(seeds):
         for fraction in FRACTIONS:
             epochs = round(BASE.epochs / fraction**0.5)
-            for kind in ("aminn", "mlp"):
-                yield Job(kind, replace(BASE, kind=kind, seed=seed, train_fraction=fraction, epochs=epochs))
+            for config in (BASE, BASELINE):
+                yield Job(config.kind, replace(config, seed=seed, train_fraction=fraction, epochs=epochs))
 
 
 def ablation_jobs(seeds: int) -> Iterator[Job]:
