@@ -40,7 +40,8 @@ def test_variants_of_a_study_differ_and_share_the_rest() -> None:
     assert len(set(study.ABLATIONS.values())) == len(study.ABLATIONS)
     jobs = list(study.paper_jobs(2))
     assert len({job.name for job in jobs}) == len(jobs) == 2 * 2 * len(study.FRACTIONS)
-    assert jobs[0].config == replace(study.BASE, seed=0) and jobs[1].config == replace(jobs[0].config, kind="mlp")
+    assert jobs[0].config == replace(study.BASE, seed=0)
+    assert jobs[1].config == replace(jobs[0].config, kind="mlp", weight_decay=study.BASELINE.weight_decay)
 
 
 def test_regimes_differ_from_the_training_data_in_one_respect(dataset: Dataset) -> None:
