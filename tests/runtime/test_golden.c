@@ -115,6 +115,18 @@ static void the_compiled_model_agrees(void)
     free_golden(&g);
 }
 
+/* two contexts predict the same bits on every sample */
+static void assert_same_predictions(aminn_t *one, aminn_t *other, const golden_t *g)
+{
+    uint32_t s;
+    for (s = 0; s < g->n; ++s) {
+        aminn_output_t a, b;
+        TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict(one, &g->inputs[s], &a));
+        TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict(other, &g->inputs[s], &b));
+        assert_same_output(&a, &b);
+    }
+}
+
 static void the_blob_gives_the_same_bits(void)
 {
     static aminn_t other;
@@ -122,16 +134,10 @@ static void the_blob_gives_the_same_bits(void)
     aminn_model_t model;
     size_t size = 0;
     void *blob = load_file(GOLDEN_DIR "/aminn_model.bin", &size);
-    uint32_t s;
     TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_model_from_blob(blob, size, &model));
     TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &aminn_model, 0));
     TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&other, &model, 0));
-    for (s = 0; s < g.n; ++s) {
-        aminn_output_t a, b;
-        TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict(&ctx, &g.inputs[s], &a));
-        TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict(&other, &g.inputs[s], &b));
-        assert_same_output(&a, &b);
-    }
+    assert_same_predictions(&ctx, &other, &g);
     free(blob);
     free_golden(&g);
 }
@@ -153,17 +159,11 @@ static void float16_weights_agree(void)
     aminn_model_t model;
     size_t size = 0;
     void *blob = load_file(GOLDEN_DIR "/half_blob.bin", &size);
-    uint32_t s;
     TEST_ASSERT_EQUAL_UINT32(AMINN_WEIGHTS_FLOAT16, half_model.weight_type);
     assert_parity("half_model.c against float64", &half_model, &g, 1);
     TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_model_from_blob(blob, size, &model));
     TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&other, &model, AMINN_FLAG_ALWAYS_STAGE2));
-    for (s = 0; s < g.n; ++s) {
-        aminn_output_t a, b;
-        TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict(&ctx, &g.inputs[s], &a));
-        TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict(&other, &g.inputs[s], &b));
-        assert_same_output(&a, &b);
-    }
+    assert_same_predictions(&ctx, &other, &g);
     free(blob);
     free_golden(&g);
 }
