@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib
 import os
 import socket
+import time
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -22,6 +23,7 @@ Progress = Callable[[int], None]
 """Told now and then how many load cases of all tasks are done; an exception that it raises stops the engine."""
 
 RAY_OBJECT_STORE_BYTES = 100_000_000  # of a cluster of our own; a shard in flight takes about a megabyte
+RAY_STOP_S = 20.0  # a node that does not answer must not keep the program from ending
 RAY_TASKS_PER_CPU = 2  # in flight: one that runs and one that waits, so that no worker idles while a shard is written
 
 
@@ -110,10 +112,18 @@ def on_ray(tasks: Sequence[ShardTask], threads: int, progress: Progress) -> Fini
                 progress(done)
                 yield task, result
     finally:
-        for reference in running:
-            ray.cancel(reference, force=True)  # also a worker that inherited an ignored SIGINT
+        _stop(ray, list(running))
         if ours:
             ray.shutdown()
+
+
+def _stop(ray: ModuleType, references: list) -> None:
+    """Cancel tasks until each has ended: Ray loses the request for a task that is just moving to its worker."""
+    deadline = time.monotonic() + RAY_STOP_S
+    while references and time.monotonic() < deadline:
+        for reference in references:
+            ray.cancel(reference, force=True)  # also a worker that inherited an ignored SIGINT
+        _, references = ray.wait(references, num_returns=len(references), timeout=0.5)
 
 
 def _import_ray() -> ModuleType:
