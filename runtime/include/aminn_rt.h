@@ -86,7 +86,7 @@ extern "C" {
 #define AMINN_VERSION_STRING "0.1.0"
 
 /* Version of the model's layout, in memory and as a blob. A model of another version is refused. */
-#define AMINN_FORMAT_VERSION 2u
+#define AMINN_FORMAT_VERSION 3u
 
 /* ---- Dimensions ------------------------------------------------------------------------------------------------ */
 
@@ -255,7 +255,7 @@ typedef struct aminn_input {
 #define AMINN_ILL_CONDITIONED 1e8F
 
 /* A prediction. dx_ht, k_x and gate are NaN if the grasp is predicted not to hold: it has no displacement to predict.
- * With AMINN_FLAG_ALWAYS_STAGE2 they are always numbers. Springs and tendons: aminn_debug(). */
+ * With AMINN_FLAG_ALWAYS_STAGE2 they are always numbers. Springs and tendons: AMINN_FLAG_DEBUG. */
 typedef struct aminn_output {
     /* probability that the grasp holds, 0 .. 1 */
     float p_stable;
@@ -315,6 +315,9 @@ typedef struct aminn_context {
  * They then answer "how far would it move if it held". For comparisons; a controller does not need it. */
 #define AMINN_FLAG_ALWAYS_STAGE2 1u
 
+/* Keep what aminn_debug() shows. It costs about a twentieth of a prediction's time; the outputs are the same. */
+#define AMINN_FLAG_DEBUG 2u
+
 /* ---- Functions ------------------------------------------------------------------------------------------------- */
 
 /*
@@ -322,7 +325,7 @@ typedef struct aminn_context {
  *
  *   ctx    written. May be uninitialised memory. After an error it is marked not initialised.
  *   model  checked with aminn_model_check(), kept by reference: must outlive the context.
- *   flags  0 or AMINN_FLAG_ALWAYS_STAGE2.
+ *   flags  0, or AMINN_FLAG_ALWAYS_STAGE2, AMINN_FLAG_DEBUG, or both joined by |.
  *
  * Returns AMINN_OK, AMINN_E_NULL, AMINN_E_FLAGS, AMINN_E_CONTEXT_SIZE, or what aminn_model_check() returns. Reads all
  * of the model once: call it at start, not in the control loop.
@@ -379,13 +382,13 @@ aminn_status_t aminn_closure(const aminn_model_t *model, const float q[AMINN_N_J
                              float j_x[AMINN_N_BRANCH][3][AMINN_N_WRENCH], float j_q[AMINN_N_BRANCH][3][AMINN_N_COORD]);
 
 /*
- * Values of the latest prediction of a context.
+ * Intermediate values of the latest prediction of a context.
  *
- *   ctx    context, read.
+ *   ctx    context, read; initialised with AMINN_FLAG_DEBUG.
  *   stage  0: stage 1, 1: stage 2.
  *
- * Returns a view into the context, valid until its next use; null if ctx is null or not initialised, if there is no
- * such stage, if the latest prediction failed, or if it skipped that stage.
+ * Returns a view into the context, valid until its next use; null if ctx is null, not initialised, or without that flag,
+ * if there is no such stage, if the latest prediction failed, or if it skipped that stage.
  */
 const aminn_stage_debug_t *aminn_debug(const aminn_t *ctx, int stage);
 
@@ -399,7 +402,8 @@ aminn_status_t aminn_model_check(const aminn_model_t *model);
 /*
  * Use a model that lies in memory as the bytes of an aminn_model.bin (a flash partition, a file read or mapped).
  *
- *   bytes      start of the blob, aligned to 4 bytes, little endian. Not copied: must stay while the model is used.
+ *   bytes      start of the blob, aligned to 4 bytes, little endian. Not copied: must stay while the model is used. On a
+ *              processor with caches a prediction is fastest if it is aligned to 64 bytes.
  *   len        number of bytes there; exactly the blob's own length.
  *   model_out  written: constants and pointers into bytes.
  *

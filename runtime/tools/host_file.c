@@ -3,9 +3,12 @@
 #include <errno.h>
 #include <limits.h>
 #include <stdarg.h>
+#include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+
+#define ALIGNMENT 64u /* of what a file's bytes begin at: a model's tables are laid out for it */
 
 const char *program_name = "aminn";
 char partial_path[4096];
@@ -38,6 +41,7 @@ void die(const char *format, ...)
 void *read_file(const char *path, size_t *size)
 {
     FILE *file = fopen(path, "rb");
+    char *memory = NULL;
     void *bytes = NULL;
     long end = 0;
     if (file == NULL) {
@@ -46,15 +50,16 @@ void *read_file(const char *path, size_t *size)
     if (fseek(file, 0, SEEK_END) != 0 || (end = ftell(file)) < 0 || end == LONG_MAX || fseek(file, 0, SEEK_SET) != 0) {
         die("%s: not a regular file", path);
     }
-    bytes = malloc((size_t)end + 1);
-    if (bytes == NULL) {
+    memory = malloc((size_t)end + ALIGNMENT);
+    if (memory == NULL) {
         die("%s: out of memory for %ld bytes", path, end);
     }
+    hold(memory);
+    bytes = memory + (ALIGNMENT - (uintptr_t)memory % ALIGNMENT) % ALIGNMENT;
     if (fread(bytes, 1, (size_t)end, file) != (size_t)end) {
         die("%s: cannot read", path);
     }
     fclose(file);
-    hold(bytes);
     *size = (size_t)end;
     return bytes;
 }

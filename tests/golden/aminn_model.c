@@ -4666,7 +4666,7 @@ static const float aminn_model_cls2_b[1] = {
     0x1.09b022p-5f};
 
 const aminn_model_t aminn_model = {
-    .format_version = 2u,
+    .format_version = 3u,
     .n_branch = 3u,
     .n_coord = 3u,
     .n_joint = 8u,

@@ -32,6 +32,8 @@ from .tables import Exported
 
 MAGIC = 0x4D4E4D41  # "AMNM"
 DIMS = (N_BRANCH, N_COORD, N_JOINT, N_CONTACT_FEATURE, N_WRENCH)
+TABLE_ALIGNMENT = 64
+"""Each table begins at a multiple of it, counted from the blob's start."""
 _HEAD = struct.Struct("<4I")  # magic, format version, size, CRC-32 of what follows
 _BODY = struct.Struct("<5I3I2I32s4f6f")  # dimensions, widths, dq0 and weights, SHA-256, scalars, stage scalars
 
@@ -54,9 +56,9 @@ def write_atomically(path: Path, content: bytes) -> None:
         partial.unlink(missing_ok=True)
 
 
-def _padded(table: bytes) -> bytes:
-    """A table's bytes up to the next multiple of 4."""
-    return table + bytes(-len(table) % 4)
+def _room(n_bytes: int) -> int:
+    """What a table of so many bytes takes of the blob."""
+    return -(-n_bytes // TABLE_ALIGNMENT) * TABLE_ALIGNMENT
 
 
 def bin_model_bytes(exported: Exported) -> bytes:
@@ -67,7 +69,8 @@ def bin_model_bytes(exported: Exported) -> bytes:
     codes = (DQ0_CODES[layout.dq0], WEIGHT_CODES[layout.weights])
     body = _BODY.pack(*DIMS, *layout.widths, *codes, layout.sha256, *scalars, *stage_scalars)
     for table in layout.tables:
-        body += _padded(table.values.astype(table.values.dtype.newbyteorder("<")).tobytes())
+        values = table.values.astype(table.values.dtype.newbyteorder("<")).tobytes()
+        body += values.ljust(_room(len(values)), b"\0")
     return _HEAD.pack(MAGIC, FORMAT_VERSION, _HEAD.size + len(body), zlib.crc32(body)) + body
 
 
@@ -108,12 +111,12 @@ def read_bin_model(path: Path | str) -> BinModel:
         for owner, field, shape in tensor_order(hc, h, hd)
     ]
     at = _HEAD.size + _BODY.size
-    if at + sum(-(-int(np.prod(shape)) * dtype.itemsize // 4) * 4 for _, _, shape, dtype in tables) != len(blob):
+    if at + sum(_room(int(np.prod(shape)) * dtype.itemsize) for _, _, shape, dtype in tables) != len(blob):
         raise AminnError(f"{path}: its length does not fit its widths {hc}, {h}, {hd}")
     tensors = {}
     for owner, field, shape, dtype in tables:
         flat = np.frombuffer(blob, dtype.newbyteorder("<"), int(np.prod(shape)), at)
-        at += -(-flat.nbytes // 4) * 4
+        at += _room(flat.nbytes)
         tensors[tensor_name(owner, field)] = restored(field, flat, shape)
     meta = dict(zip(SCALARS, fields[11:15], strict=True))
     meta |= {name: list(fields[15 + 2 * i : 17 + 2 * i]) for i, name in enumerate(STAGE_SCALARS)}
