@@ -11,9 +11,13 @@ void run_stage(aminn_t &ctx, int i, const Scene &scene, const aminn_input_t &in,
     Springs springs;
     run_backbone(model, model.stage[i], ctx);
     springs_from_head(model, ctx.head, springs);
-    store_springs(springs, ctx.stage[i]);
-    two_pass(model, model.stage[i], springs, scene, in, ctx.stage[i], summary);
-    ctx.stages_done |= 1u << i;
+    unsigned wanted = i == 0 ? 0u : kStiffness;
+    if ((ctx.flags & AMINN_FLAG_DEBUG) != 0) {
+        wanted = kStiffness | kDeflection;
+        store_springs(springs, ctx.stage[i]);
+        ctx.stages_done |= 1u << i;
+    }
+    two_pass(model, model.stage[i], springs, scene, in, wanted, ctx.stage[i], summary);
 }
 
 // Nothing overflowed, and the load gives its energy to the grasp (w.dx >= 0). The statics ensure the latter unless the

@@ -9,11 +9,17 @@
 #ifndef AMINN_SRC_DENSE_HPP
 #define AMINN_SRC_DENSE_HPP
 
+#include <type_traits>
+
 #include "lanes.hpp"
 
 // Weights are float32 or float16 (as uint16_t); a float16 becomes the float32 of the same value.
 namespace aminn {
 inline namespace AMINN_CORE {
+
+// What is done to a sum y of a layer: y < floor becomes 0. NaN stays NaN, so that an overflow is found in the end.
+constexpr float kLinear = -INFINITY;
+constexpr float kRectified = 0.0F;
 
 AMINN_INLINE float value_of(uint16_t w)
 {
@@ -33,7 +39,7 @@ using Register = float __attribute__((vector_size(32)));
 using Register = float __attribute__((vector_size(16)));
 #endif
 constexpr int kRegister = sizeof(Register) / sizeof(float);
-constexpr int kRegisters = 4;
+constexpr int kRegisters = 5; // of outputs at most: with two sums each, and one for a weight, they fit 16
 
 AMINN_INLINE void load(const float *w, Register &r)
 {
@@ -49,18 +55,24 @@ AMINN_INLINE void load(const uint16_t *w, Register &r)
     std::memcpy(&r, values, sizeof r);
 }
 
-// kCount registers of outputs
+// kCount registers of outputs, side by side but for the last, which begins at `last`
 template <int kCount, class Weight>
-AMINN_INLINE void dense_block(const Weight *w, int step, const float *b, const float *x, int n_in, float *y)
+AMINN_INLINE void dense_block(const Weight *w, int step, const float *b, const float *x, int n_in, int last,
+                              float floor, float *y)
 {
+    const auto place = [last](int k) { return k < kCount - 1 ? k * kRegister : last; };
     Register even[kCount];
     Register odd[kCount] = {};
-    std::memcpy(even, b, sizeof even);
+    AMINN_UNROLL_ROWS
+    for (int k = 0; k < kCount; ++k) {
+        load(b + place(k), even[k]);
+    }
     int i = 0;
-    const auto add = [](Register(&sums)[kCount], const Weight *row, float factor) {
+    const auto add = [&](Register(&sums)[kCount], const Weight *row, float factor) {
+        AMINN_UNROLL_ROWS
         for (int k = 0; k < kCount; ++k) {
             Register r;
-            load(row + k * kRegister, r);
+            load(row + place(k), r);
             sums[k] = sums[k] + r * factor;
         }
     };
@@ -72,31 +84,40 @@ AMINN_INLINE void dense_block(const Weight *w, int step, const float *b, const f
     if (i < n_in) {
         add(even, w, x[i]);
     }
+    AMINN_UNROLL_ROWS
     for (int k = 0; k < kCount; ++k) {
         even[k] = even[k] + odd[k];
+        even[k] = even[k] < floor ? Register{} : even[k];
+        std::memcpy(y + place(k), &even[k], sizeof even[k]);
     }
-    std::memcpy(y, even, sizeof even);
-}
-
-// the outputs from `at` on that fill blocks of kCount registers; returns where it stopped
-template <int kCount, class Weight>
-AMINN_INLINE int dense_blocks(const Weight *w, const float *b, const float *x, int n_in, int n_out, int at, float *y)
-{
-    for (; at + kCount * kRegister <= n_out; at += kCount * kRegister) {
-        dense_block<kCount>(w + at, n_out, b + at, x, n_in, y + at);
-    }
-    return at;
 }
 
 template <class Weight>
-[[gnu::noinline]] void dense_of(const Weight *w, const float *b, const float *x, int n_in, int n_out, float *y)
+[[gnu::noinline]] void dense_of(const Weight *w, const float *b, const float *x, int n_in, int n_out, float floor,
+                                float *y)
 {
-    int at = dense_blocks<kRegisters>(w, b, x, n_in, n_out, 0, y);
-    at = dense_blocks<2>(w, b, x, n_in, n_out, at, y);
-    at = dense_blocks<1>(w, b, x, n_in, n_out, at, y);
-    if (at < n_out) {
-        at = n_out - kRegister;
-        dense_block<1>(w + at, n_out, b + at, x, n_in, y + at);
+    int at = 0;
+    for (; n_out - at > kRegisters * kRegister; at += 4 * kRegister) { // a register or more is left
+        dense_block<4>(w + at, n_out, b + at, x, n_in, 3 * kRegister, floor, y + at);
+    }
+    const int last = n_out - at - kRegister; // of the rest; the last register may share outputs with the one before it
+    const auto rest = [&](auto count) { dense_block<count>(w + at, n_out, b + at, x, n_in, last, floor, y + at); };
+    switch ((last + kRegister - 1) / kRegister) {
+    case 0:
+        rest(std::integral_constant<int, 1>());
+        break;
+    case 1:
+        rest(std::integral_constant<int, 2>());
+        break;
+    case 2:
+        rest(std::integral_constant<int, 3>());
+        break;
+    case 3:
+        rest(std::integral_constant<int, 4>());
+        break;
+    default:
+        rest(std::integral_constant<int, kRegisters>());
+        break;
     }
 }
 
@@ -176,12 +197,20 @@ inline void dense_block(const float *w, int step, const float *b, const float *x
 #endif
 }
 
-inline void dense_of(const float *w, const float *b, const float *x, int n_in, int n_out, float *y)
+inline void floor_at(float floor, float *y, int n)
+{
+    for (int i = 0; i < n; ++i) {
+        y[i] = y[i] < floor ? 0.0F : y[i];
+    }
+}
+
+inline void dense_of(const float *w, const float *b, const float *x, int n_in, int n_out, float floor, float *y)
 {
     for (int at = 0; at < n_out; at += kBlock) {
         const int from = at + kBlock <= n_out ? at : n_out - kBlock;
         dense_block(w + from, n_out, b + from, x, n_in, y + from);
     }
+    floor_at(floor, y, n_out);
 }
 
 #endif
@@ -192,18 +221,19 @@ constexpr int kSmallest = kRegister; // number of outputs that fill a block
 constexpr int kSmallest = kBlock;
 #endif
 
-inline void dense(const void *w, uint32_t weight_type, const float *b, const float *x, int n_in, int n_out, float *y)
+inline void dense(const void *w, uint32_t weight_type, const float *b, const float *x, int n_in, int n_out, float floor,
+                  float *y)
 {
     const auto *w32 = static_cast<const float *>(w);
     const auto *w16 = static_cast<const uint16_t *>(w);
     const bool half = weight_type == AMINN_WEIGHTS_FLOAT16;
     if (n_out >= kSmallest && !half) {
-        dense_of(w32, b, x, n_in, n_out, y);
+        dense_of(w32, b, x, n_in, n_out, floor, y);
         return;
     }
 #if AMINN_LANES
     if (n_out >= kSmallest) {
-        dense_of(w16, b, x, n_in, n_out, y);
+        dense_of(w16, b, x, n_in, n_out, floor, y);
         return;
     }
 #endif
@@ -220,7 +250,8 @@ inline void dense(const void *w, uint32_t weight_type, const float *b, const flo
         if (i < n_in) {
             even = even + weight(i) * x[i];
         }
-        y[at] = even + odd;
+        even = even + odd;
+        y[at] = even < floor ? 0.0F : even;
     }
 }
 

@@ -246,6 +246,13 @@ AMINN_INLINE void scatter(Branches x, float *p, int)
 
 #endif
 
+constexpr int kGroups = kBranch / kSideBySide; // of branches that are computed side by side
+
+AMINN_INLINE Branches dot(const Branches a[3], const Branches b[3])
+{
+    return add_product(add_product(a[0] * b[0], a[1], b[1]), a[2], b[2]);
+}
+
 // the sum of the components
 AMINN_FUNCTION float sum(const Row &a)
 {

@@ -8,9 +8,10 @@ namespace {
 
 constexpr int kBranchFeature = AMINN_N_BRANCH_FEATURE;
 
-AMINN_INLINE float signed_log(float v, float scale)
+// of a signed logarithm: sign(v) log(1 + |v| / scale)
+AMINN_INLINE float logged(float v, float scale)
 {
-    return std::copysign(logarithm(1.0F + std::fabs(v) / scale), v);
+    return 1.0F + std::fabs(v) / scale;
 }
 
 // out = (v - mean) * inv_std
@@ -18,14 +19,6 @@ void normalise(const float *v, const float *mean, const float *inv_std, int n, f
 {
     for (int i = 0; i < n; ++i) {
         out[i] = (v[i] - mean[i]) * inv_std[i];
-    }
-}
-
-// max(y, 0); NaN stays NaN, so that an overflow is found in the end
-void relu(float *y, int n)
-{
-    for (int i = 0; i < n; ++i) {
-        y[i] = y[i] < 0.0F ? 0.0F : y[i];
     }
 }
 
@@ -53,7 +46,7 @@ void make_network_input(const aminn_model_t &model, const aminn_input_t &in, ami
     std::memcpy(g, in.w_e, sizeof in.w_e);
     g += AMINN_N_WRENCH;
     for (int i = 0; i < AMINN_N_WRENCH; ++i) {
-        g[i] = signed_log(in.w_e[i], model.wrench_log_scale[i]);
+        g[i] = std::copysign(logarithm(logged(in.w_e[i], model.wrench_log_scale[i])), in.w_e[i]);
     }
 }
 
@@ -64,14 +57,13 @@ void run_backbone(const aminn_model_t &model, const aminn_stage_model_t &stage, 
     const int h = static_cast<int>(model.width);
     float *contact = ctx.layer_in + AMINN_MAX_WIDTH; // behind what the layer writes
     normalise(ctx.contact_input, stage.contact_mean, stage.contact_inv_std, AMINN_N_CONTACT_INPUT, contact);
-    dense(stage.contact_w, model.weight_type, stage.contact_b, contact, AMINN_N_CONTACT_INPUT, hc, ctx.layer_in);
-    relu(ctx.layer_in, hc);
+    dense(stage.contact_w, model.weight_type, stage.contact_b, contact, AMINN_N_CONTACT_INPUT, hc, kRectified,
+          ctx.layer_in);
     normalise(ctx.global_input, stage.global_mean, stage.global_inv_std, AMINN_N_GLOBAL_INPUT, ctx.layer_in + hc);
-    dense(stage.trunk1_w, model.weight_type, stage.trunk1_b, ctx.layer_in, hc + AMINN_N_GLOBAL_INPUT, h, ctx.layer_out);
-    relu(ctx.layer_out, h);
-    dense(stage.trunk2_w, model.weight_type, stage.trunk2_b, ctx.layer_out, h, h, ctx.feature);
-    relu(ctx.feature, h);
-    dense(stage.head_w, model.weight_type, stage.head_b, ctx.feature, h, AMINN_N_HEAD, ctx.head);
+    dense(stage.trunk1_w, model.weight_type, stage.trunk1_b, ctx.layer_in, hc + AMINN_N_GLOBAL_INPUT, h, kRectified,
+          ctx.layer_out);
+    dense(stage.trunk2_w, model.weight_type, stage.trunk2_b, ctx.layer_out, h, h, kRectified, ctx.feature);
+    dense(stage.head_w, model.weight_type, stage.head_b, ctx.feature, h, AMINN_N_HEAD, kLinear, ctx.head);
 }
 
 // p_stable from ctx.feature, which what the statics of stage 1 gave is appended to
@@ -81,15 +73,20 @@ float classify(const aminn_model_t &model, const StaticsSummary &summary, const 
     const int hd = static_cast<int>(model.classifier_width);
     float aux[AMINN_N_AUX];
     for (int i = 0; i < AMINN_N_WRENCH; ++i) {
-        aux[i] = signed_log(summary.x_s[i], model.displacement_log_scale);
-        aux[AMINN_N_WRENCH + i] = logarithm(summary.diag_k_s[i]);
+        aux[i] = logged(summary.x_s[i], model.displacement_log_scale);
+        aux[AMINN_N_WRENCH + i] = summary.diag_k_s[i];
+    }
+    for (int i = 0; i < 2 * AMINN_N_WRENCH; ++i) { // all at once, where there are vector registers
+        aux[i] = logarithm(aux[i]);
+    }
+    for (int i = 0; i < AMINN_N_WRENCH; ++i) {
+        aux[i] = std::copysign(aux[i], summary.x_s[i]);
     }
     std::memcpy(aux + 2 * AMINN_N_WRENCH, gate, kBranch * sizeof *gate);
     normalise(aux, model.aux_mean, model.aux_inv_std, AMINN_N_AUX, ctx.feature + h);
-    dense(model.cls1_w, model.weight_type, model.cls1_b, ctx.feature, h + AMINN_N_AUX, hd, ctx.layer_out);
-    relu(ctx.layer_out, hd);
+    dense(model.cls1_w, model.weight_type, model.cls1_b, ctx.feature, h + AMINN_N_AUX, hd, kRectified, ctx.layer_out);
     float logit = 0.0F;
-    dense(model.cls2_w, model.weight_type, model.cls2_b, ctx.layer_out, hd, 1, &logit);
+    dense(model.cls2_w, model.weight_type, model.cls2_b, ctx.layer_out, hd, 1, kLinear, &logit);
     return sigmoid(logit);
 }
 

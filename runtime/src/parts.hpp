@@ -54,8 +54,9 @@ void store_springs(const Springs &springs, aminn_stage_debug_t &out);
 
 // mechanics.cpp
 void make_scene(const aminn_model_t &model, const aminn_input_t &in, Scene &scene);
+enum Wanted : unsigned { kStiffness = 1, kDeflection = 2 }; // of k_x and dq0, which nothing else depends on
 void two_pass(const aminn_model_t &model, const aminn_stage_model_t &stage, const Springs &springs, const Scene &scene,
-              const aminn_input_t &in, aminn_stage_debug_t &out, StaticsSummary &summary);
+              const aminn_input_t &in, unsigned wanted, aminn_stage_debug_t &out, StaticsSummary &summary);
 
 // cascade.cpp: a prediction from a checked input; false if a stage's results are not sound
 bool run_cascade(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out);

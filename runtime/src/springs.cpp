@@ -21,6 +21,10 @@ enum Head {
 };
 static_assert(kEnd * kBranch == AMINN_N_HEAD, "head layout");
 
+// With vector registers a whole number of them is computed at once; what is beyond the factors is not used.
+constexpr int kComputed = AMINN_LANES ? (kFactors * kBranch + 7) / 8 * 8 : kFactors * kBranch;
+static_assert(kComputed <= kBounded * kBranch, "they are all bounded");
+
 constexpr int kRow[3] = {1, 2, 2}; // of the entries below the diagonal
 constexpr int kCol[3] = {0, 0, 1};
 
@@ -28,41 +32,48 @@ constexpr int kCol[3] = {0, 0, 1};
 
 void springs_from_head(const aminn_model_t &model, float *head, Springs &out)
 {
-    const float range = model.log_range;
     for (int i = 0; i < kBounded * kBranch; ++i) {
         head[i] = hyperbolic_tangent(head[i]);
     }
-    float factor[kFactors * kBranch];
-    for (int i = 0; i < kFactors * kBranch; ++i) {
-        factor[i] = exponential(range * head[i]);
+    float factor[kComputed];
+    for (int i = 0; i < kComputed; ++i) {
+        factor[i] = exponential(model.log_range * head[i]);
     }
-    const float *gate = model.gate_nom;
-    for (int b = 0; b < kBranch; ++b) {
-        const float *nominal = model.chol_nom + 6 * b;
-        const float *mask = model.coord_mask + 3 * b;
+    for (int g = 0; g < kGroups; ++g) {
+        const int b = g * kSideBySide;
+        const auto raw = [&](int output) { return gather(head + output * kBranch + b, 1); };
+        // cppcheck-suppress uninitvar ; the loop above fills all of it
+        const auto scaling = [&](int output) { return gather(factor + output * kBranch + b, 1); };
+        Branches nominal[6];
+        Branches mask[3];
+        for (int i = 0; i < 6; ++i) {
+            nominal[i] = gather(model.chol_nom + 6 * b + i, 6);
+        }
         for (int i = 0; i < 3; ++i) {
-            // cppcheck-suppress uninitvar ; the loop above fills all of it
-            out.chol[i][b] = mask[i] != 0.0F ? nominal[i] * factor[(kDiag + i) * kBranch + b] : nominal[i];
+            mask[i] = gather(model.coord_mask + 3 * b + i, 3);
+        }
+        for (int i = 0; i < 3; ++i) {
+            scatter(mask[i] != 0.0F ? nominal[i] * scaling(kDiag + i) : nominal[i], out.chol[i] + b, 1);
         }
         for (int e = 0; e < 3; ++e) {
             const int i = kRow[e];
             const int j = kCol[e];
-            const float size = root(nominal[i] * nominal[j]);
-            out.chol[3 + e][b] = (nominal[3 + e] + size * head[(kOff + e) * kBranch + b]) * (mask[i] * mask[j]);
+            const Branches size = root(nominal[i] * nominal[j]);
+            scatter((nominal[3 + e] + size * raw(kOff + e)) * (mask[i] * mask[j]), out.chol[3 + e] + b, 1);
         }
-        const float *dir_nom = model.tendon_dir_nom + 3 * b;
-        float v[3];
+        Branches v[3];
         for (int i = 0; i < 3; ++i) {
-            v[i] = (dir_nom[i] + head[(kDir + i) * kBranch + b]) * mask[i];
+            v[i] = (gather(model.tendon_dir_nom + 3 * b + i, 3) + raw(kDir + i)) * mask[i];
         }
-        const float inv_norm = 1.0F / root(((v[0] * v[0] + v[1] * v[1]) + v[2] * v[2]) + 1e-12F);
+        const Branches inv_norm = broadcast(1.0F) / root(dot(v, v) + broadcast(1e-12F));
         for (int i = 0; i < 3; ++i) {
-            out.tendon_dir[i][b] = v[i] * inv_norm;
+            scatter(v[i] * inv_norm, out.tendon_dir[i] + b, 1);
         }
-        out.tendon_gain[b] = model.tendon_gain_nom[b] * factor[kGain * kBranch + b];
-        out.gate_params[0][b] = gate[0] * factor[kAlpha * kBranch + b];
-        out.gate_params[1][b] = gate[1] * head[kBeta * kBranch + b];
-        out.gate_params[2][b] = gate[2] + head[kRho * kBranch + b];
+        scatter(gather(model.tendon_gain_nom + b, 1) * scaling(kGain), out.tendon_gain + b, 1);
+        const float *gate = model.gate_nom;
+        scatter(gate[0] * scaling(kAlpha), out.gate_params[0] + b, 1);
+        scatter(gate[1] * raw(kBeta), out.gate_params[1] + b, 1);
+        scatter(gate[2] + raw(kRho), out.gate_params[2] + b, 1);
     }
 }
 

@@ -28,7 +28,7 @@ void predict_once()
     const aminn_input_t &in = golden_input();
     aminn_state_t state;
     std::memcpy(&state, &in, sizeof state);
-    FUZZ_CHECK(aminn_init(&ctx, &model, AMINN_FLAG_ALWAYS_STAGE2) == AMINN_OK);
+    FUZZ_CHECK(aminn_init(&ctx, &model, AMINN_FLAG_ALWAYS_STAGE2 | AMINN_FLAG_DEBUG) == AMINN_OK);
     scribble(&out, sizeof out);
     check_prediction(ctx, model, state.w_e, aminn_predict_state(&ctx, &state, &out), out);
 }

@@ -204,7 +204,8 @@ extern "C" size_t LLVMFuzzerCustomMutator(uint8_t *data, size_t size, size_t max
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
-    static Predictor predictors[] = {Predictor(0), Predictor(AMINN_FLAG_ALWAYS_STAGE2)};
+    static Predictor predictors[] = {Predictor(AMINN_FLAG_DEBUG),
+                                     Predictor(AMINN_FLAG_ALWAYS_STAGE2 | AMINN_FLAG_DEBUG)};
     const uint8_t mode = size > 0 ? data[0] : 0;
     run(predictors[mode & kAlwaysStage2], input_of(data, size), (mode & kGivenClosure) != 0);
     return 0;

@@ -31,7 +31,7 @@ int shim_predict(const void *blob, size_t size, const float *in, float *out, flo
     aminn_model_t model;
     int i, k, status = aminn_model_from_blob(blob, size, &model);
     if (status == AMINN_OK) {
-        status = aminn_init(&ctx, &model, AMINN_FLAG_ALWAYS_STAGE2);
+        status = aminn_init(&ctx, &model, AMINN_FLAG_ALWAYS_STAGE2 | AMINN_FLAG_DEBUG);
     }
     for (i = 0; i < n && status == AMINN_OK; ++i) {
         aminn_input_t input;

@@ -9,7 +9,7 @@ static golden_t golden;
 void setUp(void)
 {
     golden = load_golden(GOLDEN_DIR "/golden.bin");
-    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &aminn_model, AMINN_FLAG_ALWAYS_STAGE2));
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &aminn_model, AMINN_FLAG_ALWAYS_STAGE2 | AMINN_FLAG_DEBUG));
 }
 
 void tearDown(void)

@@ -32,7 +32,7 @@ static void init_refuses_bad_arguments(void)
     TEST_ASSERT_EQUAL_INT(AMINN_E_NULL, aminn_init(NULL, &aminn_model, 0));
     TEST_ASSERT_EQUAL_INT(AMINN_E_NULL, aminn_init(&ctx, NULL, 0));
     TEST_ASSERT_EQUAL_INT(AMINN_E_NOT_INITIALISED, aminn_predict(&ctx, &in, &out));
-    TEST_ASSERT_EQUAL_INT(AMINN_E_FLAGS, aminn_init(&ctx, &aminn_model, 2));
+    TEST_ASSERT_EQUAL_INT(AMINN_E_FLAGS, aminn_init(&ctx, &aminn_model, 4));
     TEST_ASSERT_EQUAL_INT(AMINN_E_NOT_INITIALISED, aminn_predict(&ctx, &in, &out));
     model.format_version = 99;
     TEST_ASSERT_EQUAL_INT(AMINN_E_VERSION, aminn_init(&ctx, &model, 0));
@@ -83,7 +83,7 @@ static void stage_2_is_skipped_when_the_grasp_does_not_hold(void)
 {
     const aminn_model_t never = model_with_tau(1.0F);
     int i;
-    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &never, 0));
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &never, AMINN_FLAG_DEBUG));
     TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict(&ctx, &in, &out));
     TEST_ASSERT_EQUAL_INT32(0, out.stable);
     TEST_ASSERT_TRUE(out.p_stable > 0.0F && out.p_stable < 1.0F);
@@ -103,12 +103,27 @@ static void a_flag_runs_stage_2_always(void)
     TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &always, 0));
     TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict(&ctx, &in, &held));
     TEST_ASSERT_EQUAL_INT32(1, held.stable);
-    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &never, AMINN_FLAG_ALWAYS_STAGE2));
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &never, AMINN_FLAG_ALWAYS_STAGE2 | AMINN_FLAG_DEBUG));
     TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict(&ctx, &in, &out));
     TEST_ASSERT_EQUAL_INT32(0, out.stable);
     out.stable = 1;
     assert_same_output(&held, &out);
     TEST_ASSERT_NOT_NULL(aminn_debug(&ctx, 1));
+}
+
+static void intermediates_are_kept_on_request(void)
+{
+    const aminn_model_t always = model_with_tau(0.0F);
+    aminn_output_t kept;
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &always, AMINN_FLAG_DEBUG));
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict(&ctx, &in, &kept));
+    TEST_ASSERT_NOT_NULL(aminn_debug(&ctx, 0));
+    TEST_ASSERT_NOT_NULL(aminn_debug(&ctx, 1));
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &always, 0));
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict(&ctx, &in, &out));
+    TEST_ASSERT_NULL(aminn_debug(&ctx, 0));
+    TEST_ASSERT_NULL(aminn_debug(&ctx, 1));
+    assert_same_output(&kept, &out);
 }
 
 static void the_threshold_belongs_to_stable(void)
@@ -125,7 +140,7 @@ static void closure_given_or_computed_gives_the_same(void)
 {
     const aminn_state_t state = state_of(&in);
     aminn_output_t computed;
-    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &aminn_model, AMINN_FLAG_ALWAYS_STAGE2));
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &aminn_model, AMINN_FLAG_ALWAYS_STAGE2 | AMINN_FLAG_DEBUG));
     TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_closure(&aminn_model, in.q, in.x_ht, state.contacts, in.j_x, in.j_q));
     TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict(&ctx, &in, &out));
     TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict_state(&ctx, &state, &computed));
@@ -164,7 +179,7 @@ static void the_model_and_the_input_are_not_written(void)
 static void the_debug_view_shows_stage_2s_outputs(void)
 {
     const aminn_stage_debug_t *view;
-    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &aminn_model, AMINN_FLAG_ALWAYS_STAGE2));
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &aminn_model, AMINN_FLAG_ALWAYS_STAGE2 | AMINN_FLAG_DEBUG));
     TEST_ASSERT_NULL(aminn_debug(&ctx, 0));
     TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict(&ctx, &in, &out));
     view = aminn_debug(&ctx, 1);
@@ -205,7 +220,7 @@ static int stages_are_sound(void)
 static void a_tool_out_of_reach_gives_an_error_or_a_sound_prediction(void)
 {
     int i, refused = 0;
-    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &aminn_model, AMINN_FLAG_ALWAYS_STAGE2));
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &aminn_model, AMINN_FLAG_ALWAYS_STAGE2 | AMINN_FLAG_DEBUG));
     for (i = 0; i < 15 * 15 * 12; ++i) {
         aminn_state_t state = state_of(&in);
         const int axis = i / 225 % 3, sign = i / 675 % 2 * 2 - 1;
@@ -230,6 +245,7 @@ int main(void)
     RUN_TEST(null_arguments_are_refused);
     RUN_TEST(stage_2_is_skipped_when_the_grasp_does_not_hold);
     RUN_TEST(a_flag_runs_stage_2_always);
+    RUN_TEST(intermediates_are_kept_on_request);
     RUN_TEST(the_threshold_belongs_to_stable);
     RUN_TEST(closure_given_or_computed_gives_the_same);
     RUN_TEST(a_prediction_depends_on_its_input_alone);
