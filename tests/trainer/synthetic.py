@@ -20,9 +20,8 @@ FAMILIES = ["cylinder", "capsule", "ellipsoid", "screwdriver"]
 
 
 def hand() -> dict:
-    """The `hand` entry of a manifest."""
-    y, z = [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]
-    finger_axes = [[0.0, 0.0, 1.0], y, y]
+    """The `hand` entry of a manifest; the fingers are mirror images in the plane x = 0."""
+    x, z = [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]
     stiffness = [0.4, 0.05, 0.05]
     tendons = []
     for branch in range(3):
@@ -42,8 +41,8 @@ def hand() -> dict:
         "branches": list(BRANCHES),
         "joints": list(JOINTS),
         "branch_joints": [list(row) for row in BRANCH_JOINTS],
-        "base_m": [[0.03, 0.02, 0], [0.03, -0.02, 0], [-0.03, 0, 0]],
-        "axis": [finger_axes, finger_axes, [[0.0, 0.0, 0.0], y, y]],
+        "base_m": [[-0.02, 0.03, 0], [0.02, 0.03, 0], [0, -0.03, 0]],
+        "axis": [[z, x, x], [[0.0, 0.0, -1.0], x, x], [[0.0, 0.0, 0.0], x, x]],
         "link_a_m": [(0.05 * np.array(z)).tolist()] * 3,
         "link_b_m": [(0.04 * np.array(z)).tolist()] * 3,
         "tip_radius_m": [0.008] * 3,
@@ -78,7 +77,7 @@ def draw_inputs(rng: np.random.Generator, h: dict) -> dict[str, np.ndarray]:
     q = rng.uniform(0.2, 0.9, 8)
     q[[0, 3]] = rng.uniform(-0.3, 0.3, 2)
     tool = np.array([0, 0, 0.075]) + rng.uniform(-0.01, 0.01, 3)
-    offsets = np.array([[0.02, 0.015, 0], [0.02, -0.015, 0], [-0.02, 0, 0]])
+    offsets = np.array([[-0.015, 0.02, 0], [0.015, 0.02, 0], [0, -0.02, 0]])
     contact = tool + offsets + rng.uniform(-0.006, 0.006, (3, 3))
     normal = -offsets / np.linalg.norm(offsets, axis=1, keepdims=True)
     j_x, j_q = closure(h, q, tool, contact)

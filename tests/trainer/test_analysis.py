@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -54,6 +56,21 @@ def test_gates_that_are_the_wrong_way_round_are_found(dataset: Dataset) -> None:
     right = perfect(dataset)
     wrong = Prediction("wrong", right.dx, right.stable, gate=1 - right.gate)
     assert analysis.gate_figures(wrong, dataset)["gate_auroc"] == 0
+
+
+def test_a_contact_that_sticks_has_not_slid(dataset: Dataset) -> None:
+    """The tool moves as the closure says of joints that move: no slip; then one fingertip slides along its tangent."""
+    s, rng = dataset.samples, np.random.default_rng(0)
+    dx = np.hstack([rng.normal(0, 1e-5, (len(dataset), 3)), rng.normal(0, 1e-4, (len(dataset), 3))])
+    motion = (s["j_x"] @ dx[:, None, :, None])[..., 0]  # (n, 3, 3) of the contacts
+    fingers = np.linalg.solve(-s["j_q"][:, :2], motion[:, :2, :, None])[..., 0].reshape(len(dataset), 6)
+    thumb = (np.linalg.pinv(-s["j_q"][:, 2, :, 1:]) @ motion[:, 2, :, None])[..., 0]
+    after = s["q"] + np.hstack([fingers, thumb])
+    moved = replace(dataset, samples=s | {"dx_ht": dx, "q_after": after})
+    assert analysis.contact_slip(moved)[:, :2].max() < 1e-6
+    slid = replace(moved, samples=moved.samples | {"q_after": s["q"]})
+    gap = motion - (motion * s["contacts"][..., 4:7]).sum(-1, keepdims=True) * s["contacts"][..., 4:7]
+    np.testing.assert_allclose(analysis.contact_slip(slid), np.linalg.norm(gap, axis=-1), atol=1e-7)
 
 
 def test_error_shares_add_up(dataset: Dataset) -> None:

@@ -175,7 +175,7 @@ def test_diverging_run_keeps_the_last_good_state(dataset: Dataset, tmp_path: Pat
     def poisoned(self) -> None:
         calls.append(1)
         if len(calls) == 2:
-            self.stage.train[1][:] = float("nan")
+            self.samples[1][:] = float("nan")
         epoch(self)
 
     monkeypatch.setattr(train_module._Loop, "epoch", poisoned)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .checkpoint import Checkpoint
-from .closure import closure
+from .closure import closure, fingertips
 from .dataset import Dataset
 from .dims import LENGTH_SCALE_M, N_JOINT
 from .evaluate import Prediction, figures_of, learned
@@ -26,6 +26,8 @@ BREAKDOWN_FIGURES = (
     "f1", "rmse_pose_all", "relative_error_median_all", "relative_error_p90_all", "ece", "passivity_violation_full"
 )  # fmt: skip
 NOISE_FACTORS = (0.5, 1.0, 2.0)
+SLID_M = 0.5e-3
+"""A contact that slides further has slipped."""
 SMALL_LOADS = 0.1
 """Share of the load cases that counts as the small-load regime."""
 
@@ -69,6 +71,26 @@ def breakdown(prediction: Prediction, data: Dataset) -> dict[str, float]:
     return figures
 
 
+def _turned(r: Array, rotvec: Array) -> Array:
+    """Vectors r (..., 3) turned by rotation vectors (..., 3)."""
+    angle = np.linalg.norm(rotvec, axis=-1, keepdims=True)
+    axis = rotvec / np.maximum(angle, 1e-12)
+    along = (axis * r).sum(-1, keepdims=True) * axis
+    return along + np.cos(angle) * (r - along) + np.sin(angle) * np.cross(axis, r)
+
+
+def contact_slip(data: Dataset) -> Array:
+    """How far each contact slid by the end of the load (n, 3), m: what the tool's point and the finger's point at the
+    contact before the load are apart in its tangent plane afterwards, the finger as its joint angles say."""
+    s, nominal = data.samples, nominal_from_hand(data.manifest["hand"])
+    contacts, dx = s["contacts"], s["dx_ht"]
+    r = contacts[..., 1:4] - s["x_ht"][:, None, :3]
+    tool = s["x_ht"][:, None, :3] + dx[:, None, :3] + _turned(r, dx[:, None, 3:])
+    gap = tool - fingertips(nominal, s["q"], s["q_after"], contacts[..., 1:4])
+    normal = contacts[..., 4:7]
+    return contacts[..., 0] * np.linalg.norm(gap - (gap * normal).sum(-1, keepdims=True) * normal, axis=-1)
+
+
 def squared_error_shares(prediction: Prediction, data: Dataset) -> dict[str, float]:
     """Which share of the stable cases' squared error each group carries: where RMSE_pose is made."""
     s = data.samples
@@ -78,6 +100,10 @@ def squared_error_shares(prediction: Prediction, data: Dataset) -> dict[str, flo
     moving = stable & (pose_size(s["dx_ht"]) >= 0.08)
     figures["error_share_large_motions"] = float(squares[moving].sum() / squares.sum())
     figures["large_motions_share"] = float(moving.sum() / stable.sum())
+    slid = stable & (contact_slip(data).max(1) > SLID_M)
+    figures["error_share_slid"] = float(squares[slid].sum() / squares.sum())
+    figures["slid_share"] = float(slid.sum() / stable.sum())
+    figures["rmse_pose_not_slid"] = float(np.sqrt(squares[stable & ~slid].mean()))
     return figures
 
 

@@ -44,3 +44,24 @@ def closure(nominal: Nominal, q: Array, x_ht: Array, contacts: Array) -> tuple[A
         j_q[:, b] = -np.stack(columns, -1)
     c = contacts[..., 0, None, None]
     return c * j_x, c * j_q
+
+
+def fingertips(nominal: Nominal, q: Array, q_after: Array, points: Array) -> Array:
+    """Where points (n, 3, 3) that the distal links hold at angles q (n, 8) are at angles q_after: (n, 3, 3), m."""
+    moved = np.empty(points.shape)
+    for b, joints in enumerate(BRANCH_JOINTS):
+        (upper, lower), (upper_after, lower_after) = (_links(nominal, b, angles, joints) for angles in (q, q_after))
+        a, base = nominal.link_a[b], nominal.base[b]
+        held = np.swapaxes(lower, -1, -2) @ (points[:, b] - base - upper @ a)[..., None]
+        moved[:, b] = base + upper_after @ a + (lower_after @ held)[..., 0]
+    return moved
+
+
+def _links(nominal: Nominal, branch: int, q: Array, joints: tuple[int, int, int]) -> tuple[Array, Array]:
+    """Rotations (n, 3, 3) of a branch's proximal and distal link."""
+    turns = [
+        rotations(axis, q[:, j]) if j >= 0 else np.broadcast_to(np.eye(3), (len(q), 3, 3))
+        for axis, j in zip(nominal.axis[branch], joints, strict=True)
+    ]
+    upper = turns[0] @ turns[1]
+    return upper, upper @ turns[2]

@@ -42,7 +42,7 @@ class MechanicsConfig:
 
     eps_m: PositiveFloat = 1e-5
     """Isotropic contact compliance added to every branch, m/N. It also bounds the conditioning in float32."""
-    learn_eps_m: bool = False
+    learn_eps_m: bool = True
     """Take eps_m as a start and learn it, one value a stage."""
     eps_kx: PositiveFloat = 1e-3
     """Stiffness added to the diagonal of K_x: N/m for translation, N.m/rad for rotation."""
@@ -135,6 +135,8 @@ class TrainConfig:
     """Largest norm of a step's gradient."""
     divergence: Annotated[float, Field(gt=1)] = 1e3
     """A step whose loss is so many times that of the stage's first step ends the run as diverged."""
+    mirror: bool = True
+    """Show each training sample as its mirror image half of the time; the hand's two fingers must mirror each other."""
     train_fraction: Annotated[float, Field(gt=0, le=1)] = 1.0
     """Share of the training grasps to learn from, for learning curves; smaller shares are part of larger ones."""
     loss: LossWeights = field(default_factory=LossWeights)

@@ -191,7 +191,7 @@ def operating_curve(p: Array, stable_true: Mask, error: Array, points: int = 61)
     return {name: [float(row[k]) for row in kept] for k, name in enumerate(names)}
 
 
-def choose_tau(p: Array, stable_true: Mask, error: Array, f1_slack: float = 0.005) -> float:
+def choose_tau(p: Array, stable_true: Mask, error: Array, f1_slack: float = 0.001) -> float:
     """Threshold on a score p (n) from validation data (the paper's operating point).
 
     Among thresholds whose F1 is within `f1_slack` of the best, the one with the least RMSE of `error` (n) over samples

@@ -42,9 +42,10 @@ from .run_state import (
     restore_optimiser,
     save_run,
 )
+from .symmetry import check_symmetric, mirror_inputs, mirror_targets
 
 # To be raised with every change of the trainer that changes what a run results in.
-TRAINING_VERSION = 2
+TRAINING_VERSION = 3
 BOARD = "tensorboard"
 LEAST_GRASPS = {"train": 5, "validation": 2}
 Inputs = dict[str, Tensor]
@@ -137,11 +138,18 @@ def _precision(module: nn.Module, dtype: torch.dtype) -> Iterator[None]:
             layer.precision = torch.float64
 
 
+def _with_mirror_images(x: Inputs, y: Tensor) -> tuple[Inputs, Tensor]:
+    """The samples, then their mirror images in the same order."""
+    image = mirror_inputs(x)
+    return {k: torch.cat([v, image[k]]) for k, v in x.items()}, torch.cat([y, mirror_targets(y)])
+
+
 class _Loop:
     """The optimisation of one stage; its state is what `RunState` keeps."""
 
     def __init__(self, stage: _Stage, config: TrainConfig) -> None:
         self.stage, self.config = stage, config
+        self.samples = _with_mirror_images(*stage.train) if config.mirror else stage.train
         self.steps_an_epoch = -(-len(stage.train[1]) // config.batch)
         settings = {"lr": config.learning_rate, "weight_decay": config.weight_decay}
         self.optimiser = torch.optim.AdamW(stage.module.parameters(), **settings, fused=True)
@@ -177,12 +185,15 @@ class _Loop:
 
     def epoch(self) -> None:
         """One pass over the training data, then the validation loss; keeps the best weights."""
-        x, y = self.stage.train
+        (x, y), n = self.samples, len(self.stage.train[1])
+        order = torch.randperm(n, generator=self.rng)
+        if self.config.mirror:
+            order = order + n * torch.randint(2, (n,), generator=self.rng)
         total = 0.0
         self.stage.module.train()
-        for index in torch.randperm(len(y), generator=self.rng).split(self.config.batch):
+        for index in order.split(self.config.batch):
             total += self._step(_select(x, index), y[index]) * len(index)
-        self.history["train"].append(total / len(y))
+        self.history["train"].append(total / n)
         self.stage.module.eval()
         with torch.no_grad():
             loss = self._checked(self.stage.terms(*self.stage.validation), "validation")
@@ -299,7 +310,10 @@ def train(
     resumed = load_run(out, identity)
     torch.set_num_threads(1)
     torch.manual_seed(config.seed)
-    model = build_model(config.kind, config.model, nominal_from_hand(dataset.manifest["hand"]))
+    nominal = nominal_from_hand(dataset.manifest["hand"])
+    if config.mirror:
+        check_symmetric(nominal)
+    model = build_model(config.kind, config.model, nominal)
     stages = _stages(model, config, parts["train"], parts["validation"])
     out.mkdir(parents=True, exist_ok=True)
     history = _optimise(model, stages, config, out, identity, resumed, bar_position, tensorboard)
