@@ -143,35 +143,35 @@ AMINN_INLINE void load_row(Row &a, const float *p)
 #define AMINN_LOAD_TWO "    vldmia %[a], {s0-s5}\n    vldmia %[c], {s6-s11}\n"
 #define AMINN_STORE "    vstmia %[a], {s0-s5}"
 
-AMINN_INLINE void scale(Row &a, float s, const Row &c)
+AMINN_FUNCTION void scale(Row &a, float s, const Row &c)
 {
     __asm volatile("    vldmia %[c], {s6-s11}\n" AMINN_SIX("vmul.f32", "%[s]") AMINN_STORE
                    :
                    : [a] "r"(a.v), [c] "r"(c.v), [s] "t"(s)
                    : AMINN_ROW_REGISTERS);
 }
-AMINN_INLINE void add_scaled(Row &a, float s, const Row &c)
+AMINN_FUNCTION void add_scaled(Row &a, float s, const Row &c)
 {
     __asm volatile(AMINN_LOAD_TWO AMINN_SIX("vmla.f32", "%[s]") AMINN_STORE
                    :
                    : [a] "r"(a.v), [c] "r"(c.v), [s] "t"(s)
                    : AMINN_ROW_REGISTERS);
 }
-AMINN_INLINE void subtract_scaled(Row &a, float s, const Row &c)
+AMINN_FUNCTION void subtract_scaled(Row &a, float s, const Row &c)
 {
     __asm volatile(AMINN_LOAD_TWO AMINN_SIX("vmls.f32", "%[s]") AMINN_STORE
                    :
                    : [a] "r"(a.v), [c] "r"(c.v), [s] "t"(s)
                    : AMINN_ROW_REGISTERS);
 }
-AMINN_INLINE void add(Row &a, const Row &b)
+AMINN_FUNCTION void add(Row &a, const Row &b)
 {
     __asm volatile(AMINN_LOAD_TWO AMINN_SIX_PAIRS("vadd.f32") AMINN_STORE
                    :
                    : [a] "r"(a.v), [c] "r"(b.v)
                    : AMINN_ROW_REGISTERS);
 }
-AMINN_INLINE void multiply(Row &a, const Row &b)
+AMINN_FUNCTION void multiply(Row &a, const Row &b)
 {
     __asm volatile(AMINN_LOAD_TWO AMINN_SIX_PAIRS("vmul.f32") AMINN_STORE
                    :
@@ -179,31 +179,31 @@ AMINN_INLINE void multiply(Row &a, const Row &b)
                    : AMINN_ROW_REGISTERS);
 }
 #else
-AMINN_INLINE void scale(Row &a, float s, const Row &c)
+AMINN_FUNCTION void scale(Row &a, float s, const Row &c)
 {
     for (int i = 0; i < kMotion; ++i) {
         a.v[i] = s * c.v[i];
     }
 }
-AMINN_INLINE void add_scaled(Row &a, float s, const Row &c)
+AMINN_FUNCTION void add_scaled(Row &a, float s, const Row &c)
 {
     for (int i = 0; i < kMotion; ++i) {
         a.v[i] = a.v[i] + s * c.v[i];
     }
 }
-AMINN_INLINE void subtract_scaled(Row &a, float s, const Row &c)
+AMINN_FUNCTION void subtract_scaled(Row &a, float s, const Row &c)
 {
     for (int i = 0; i < kMotion; ++i) {
         a.v[i] = a.v[i] - s * c.v[i];
     }
 }
-AMINN_INLINE void add(Row &a, const Row &b)
+AMINN_FUNCTION void add(Row &a, const Row &b)
 {
     for (int i = 0; i < kMotion; ++i) {
         a.v[i] = a.v[i] + b.v[i];
     }
 }
-AMINN_INLINE void multiply(Row &a, const Row &b)
+AMINN_FUNCTION void multiply(Row &a, const Row &b)
 {
     for (int i = 0; i < kMotion; ++i) {
         a.v[i] = a.v[i] * b.v[i];
@@ -260,7 +260,7 @@ AMINN_FUNCTION float sum(const Row &a)
 }
 
 // the sum of the products of the components
-AMINN_INLINE float dot(Row a, const Row &b)
+AMINN_FUNCTION float dot(Row a, const Row &b)
 {
     multiply(a, b);
     return sum(a);
