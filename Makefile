@@ -97,9 +97,10 @@ resume: setup-python ## training killed at random steps (20 times a model), resu
 	@$(PYTHON) tests/trainer/resume.py --report $(REPORTS)/resume.json
 
 .PHONY: golden
-golden: demo ## the demo's model becomes the reference model in tests/golden (when the model's format changes)
+golden: demo ## all of tests/golden anew: the demo's model, and the small models (when the model or its format changes)
 	@cp $(BUILD)/demo/export/* tests/golden/
-	@echo "Reference model: tests/golden"
+	@$(PYTHON) tests/runtime/make_golden.py
+	@echo "Reference models: tests/golden"
 
 .PHONY: bench
 bench: setup-python setup-host $(STAMPS)/apt-bench ## time of one prediction beside its own matrix products and ONNX Runtime

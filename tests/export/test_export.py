@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +17,7 @@ from aminn.errors import AminnError
 from aminn_export.bin_model import read_bin_model
 from aminn_export.export import export
 from aminn_export.onnx_model import read_metadata
+from aminn_export.vectors import read_vectors
 from aminn_export.weights import float16_model
 
 FILES = {"aminn.onnx", "aminn_debug.onnx", "left.c", "left.h", "left.bin", "golden.bin"}
@@ -32,6 +36,44 @@ def test_export_writes_everything_twice_the_same(checkpoint_dir: Path, data_dir:
     for name in FILES:
         assert (tmp_path / "a" / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
     assert read_metadata(tmp_path / "two" / "aminn.onnx")["checkpoint_sha256"] == load_checkpoint(checkpoint_dir).sha256
+
+
+# One checkpoint exported by two processes that differ as two machines and two days do: clock, time zone, language, host
+# name, home, hash seed, permissions, working folder, number of threads, and which kernels BLAS, NumPy and torch pick.
+ELSEWHERE = """
+import os, socket, sys, time
+os.umask(0o077)
+now = time.time
+time.time = lambda: now() + 7e7
+socket.gethostname = lambda: "elsewhere"
+sys.argv = sys.argv[1:]
+from aminn.cli import main
+main()
+"""
+OTHER_MACHINE = {
+    "TZ": "Pacific/Auckland", "LC_ALL": "C", "LANG": "C", "HOME": "/nowhere", "PYTHONHASHSEED": "12345",
+    "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OPENBLAS_CORETYPE": "Prescott",
+    "NPY_DISABLE_CPU_FEATURES": "AVX2 FMA3 AVX512F AVX512CD AVX512_SKX", "ATEN_CPU_CAPABILITY": "default",
+}  # fmt: skip
+
+
+def test_another_machine_and_day_give_the_same_bytes(checkpoint_dir: Path, data_dir: Path, tmp_path: Path) -> None:
+    words = ["export", "--run", str(checkpoint_dir), "--data", str(data_dir), "--prefix", "left"]
+    here = [sys.executable, "-m", "aminn.cli", *words, "--out", str(tmp_path / "here")]
+    there = [sys.executable, "-c", ELSEWHERE, "aminn", *words, "--out", str(tmp_path / "there")]
+    other = tmp_path / "folder"
+    other.mkdir()
+    subprocess.run(here, check=True, env=os.environ | {"PYTHONHASHSEED": "1"})
+    subprocess.run(there, check=True, env=os.environ | OTHER_MACHINE, cwd=other)
+    assert _names(tmp_path / "here") == _names(tmp_path / "there") == FILES
+    for name in FILES - {"golden.bin"}:
+        assert (tmp_path / "here" / name).read_bytes() == (tmp_path / "there" / name).read_bytes(), name
+    # What LAPACK and ONNX Runtime compute beside the vectors' inputs may differ in last places with their kernels.
+    a, b = (read_vectors(tmp_path / name / "golden.bin") for name in ("here", "there"))
+    for name, value in a.inputs.items():
+        np.testing.assert_array_equal(value, b.inputs[name])
+    for name, value in a.reference_f64.items():
+        np.testing.assert_allclose(value, b.reference_f64[name], rtol=1e-9, atol=1e-12)
 
 
 def test_other_files_in_the_folder_stay(checkpoint_dir: Path, tmp_path: Path) -> None:

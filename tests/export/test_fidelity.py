@@ -16,7 +16,7 @@ from aminn_export.adversarial import closure as own_closure
 from aminn_export.fidelity import SquareRootReference, failures, missed
 from aminn_export.golden import run_onnx, single_thread_session
 from aminn_export.reference import Reference
-from aminn_export.targets import HOSTED, replay, replay_all
+from aminn_export.targets import DISPATCHED, HOSTED, replay, replay_all
 from aminn_export.vectors import read_results, write_vectors
 
 
@@ -66,6 +66,7 @@ def test_compilers_give_the_same_bits(export_dir: Path, tmp_path: Path, exported
         )
         if shutil.which(HOSTED[n].compiler) and (not HOSTED[n].emulator or shutil.which(HOSTED[n].emulator))
     )
+    names += tuple(n for n, emulator in DISPATCHED.items() if not emulator or shutil.which(emulator.split()[0]))
     x, _ = adversarial_states(random_inputs(100, 6), exported, 160)
     write_vectors(tmp_path / "v.bin", x, run_onnx(single_thread_session(export_dir / "aminn.onnx"), x))
     replays = replay_all(names, export_dir, "aminn_model", tmp_path / "v.bin", tmp_path, 2)

@@ -1,8 +1,6 @@
 """Write the small models of the runtime's tests (random weights, other widths, "inverse", float16) into tests/golden.
 
-    python tests/runtime/make_golden.py            # tiny_model, half_model and their golden vectors
-
-The trained reference model beside it comes from `make golden`.
+`make golden` runs it, and puts the trained reference model beside them.
 Its reference outputs are the float64 oracle's. Deterministic: running it again changes nothing.
 """
 
