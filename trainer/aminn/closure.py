@@ -26,10 +26,9 @@ def rotations(axis: Array, angle: Array) -> Array:
 def closure(nominal: Nominal, q: Array, x_ht: Array, contacts: Array) -> tuple[Array, Array]:
     """j_x (n, 3, 3, 6) and j_q (n, 3, 3, 3) from q (n, 8), x_ht (n, 6), contacts (n, 3, 8); zero out of contact."""
     j_x, j_q = np.zeros((len(q), N_BRANCH, 3, 6)), np.zeros((len(q), N_BRANCH, 3, 3))
-    for b, (roll, proximal, _) in enumerate(BRANCH_JOINTS):
+    for b in range(N_BRANCH):
         axes, point = nominal.axis[b], contacts[:, b, 1:4]
-        turn = rotations(axes[0], q[:, roll]) if roll >= 0 else np.broadcast_to(np.eye(3), (len(q), 3, 3))
-        upper = turn @ rotations(axes[1], q[:, proximal])
+        turn, upper, _ = _links(nominal, b, q)
         s = point - nominal.base[b]
         columns = (
             np.cross(axes[0], s),
@@ -49,19 +48,18 @@ def closure(nominal: Nominal, q: Array, x_ht: Array, contacts: Array) -> tuple[A
 def fingertips(nominal: Nominal, q: Array, q_after: Array, points: Array) -> Array:
     """Where points (n, 3, 3) that the distal links hold at angles q (n, 8) are at angles q_after: (n, 3, 3), m."""
     moved = np.empty(points.shape)
-    for b, joints in enumerate(BRANCH_JOINTS):
-        (upper, lower), (upper_after, lower_after) = (_links(nominal, b, angles, joints) for angles in (q, q_after))
+    for b in range(N_BRANCH):
+        (_, upper, lower), (_, upper_after, lower_after) = (_links(nominal, b, angles) for angles in (q, q_after))
         a, base = nominal.link_a[b], nominal.base[b]
         held = np.swapaxes(lower, -1, -2) @ (points[:, b] - base - upper @ a)[..., None]
         moved[:, b] = base + upper_after @ a + (lower_after @ held)[..., 0]
     return moved
 
 
-def _links(nominal: Nominal, branch: int, q: Array, joints: tuple[int, int, int]) -> tuple[Array, Array]:
-    """Rotations (n, 3, 3) of a branch's proximal and distal link."""
-    turns = [
+def _links(nominal: Nominal, branch: int, q: Array) -> tuple[Array, Array, Array]:
+    """Rotations (n, 3, 3) of what turns with a branch's roll joint, of its proximal and of its distal link."""
+    roll, proximal, distal = (
         rotations(axis, q[:, j]) if j >= 0 else np.broadcast_to(np.eye(3), (len(q), 3, 3))
-        for axis, j in zip(nominal.axis[branch], joints, strict=True)
-    ]
-    upper = turns[0] @ turns[1]
-    return upper, upper @ turns[2]
+        for axis, j in zip(nominal.axis[branch], BRANCH_JOINTS[branch], strict=True)
+    )
+    return roll, roll @ proximal, roll @ proximal @ distal
