@@ -243,7 +243,7 @@ class _AminnGraph:
         """v * mask over its norm: (S, N, 3, 3)."""
         g = self.g
         live = g.op("Mul", v, g.constant("coord_mask", mask), name="dir_live")
-        square = g.reduce_sum(g.op("Mul", live, live, name="dir_square"), 3, "dir_square_sum")  # (S, N, 3, 1)
+        square = self.squares(live, 3, "dir")  # (S, N, 3, 1)
         norm = g.op("Sqrt", g.op("Add", square, g.constant("dir_floor", 1e-12), name="dir_floored"), name="dir_norm")
         return g.op("Div", live, norm, name="tendon_dir")
 
@@ -265,25 +265,27 @@ class _AminnGraph:
         quotient = g.op("Div", adjugate, det, name=f"{name}_inverse_flat")
         return g.reshape(quotient, [0] * lead + [3, 3], f"{name}_inverse")
 
-    def gram_schmidt(self, v: str, n: int, axis: int, name: str) -> tuple[str, str]:
-        """Modified Gram-Schmidt on the n rows (along `axis`) of v (..., n, m).
+    def gram_schmidt(self, v: str, n: int, axis: int, name: str, weight: str = "") -> tuple[str, list[str]]:
+        """Modified Gram-Schmidt on the n rows (along `axis`) of v (..., n, m); inner products may have a weight.
 
-        Returns orthogonal rows (..., n, m) and their squares (..., n, 1). The rows are not normalised. Row j is v_j
-        less its part along the earlier rows, so that rows = U v with U unit lower triangular, and
-        v v^T = U^-1 diag(squares) U^-T.
+        Returns the last row (..., 1, m), less its part along the others, and the others, orthogonal and not normalised.
         """
         g, done = self.g, []
         for left in range(n - 1, 0, -1):
             row, rest = g.split(v, [1, left], axis, [f"{name}_row", f"{name}_rest"])
-            terms = g.op("Mul", v, row, name=f"{name}_terms")
+            weighted = g.op("Mul", row, weight, name=f"{name}_weighted") if weight else row
+            terms = g.op("Mul", v, weighted, name=f"{name}_terms")
             along = g.reduce_sum(terms, axis + 1, f"{name}_along")  # (..., left + 1, 1)
             square, dots = g.split(along, [1, left], axis, [f"{name}_square", f"{name}_dots"])
             part = g.op("Mul", g.op("Div", dots, square, name=f"{name}_factor"), row, name=f"{name}_part")
             v = g.op("Sub", rest, part, name=f"{name}_left")
             done.append(row)
-        rows = g.op("Concat", *done, v, name=f"{name}_rows", axis=axis)
-        squares = g.reduce_sum(g.op("Mul", rows, rows, name=f"{name}_squares_terms"), axis + 1, f"{name}_squares")
-        return rows, squares
+        return v, done
+
+    def squares(self, rows: str, axis: int, name: str) -> str:
+        """Squares of the rows (..., m) along the last axis `axis`: (..., 1)."""
+        axes = self.g.index("axes", [axis])
+        return self.g.op("ReduceSumSquare", rows, axes, name=f"{name}_squares", keepdims=1)
 
     def beside(self, v: str, width: int, constant: NDArray[np.float64], name: str) -> str:
         """[v | constant] along the last axis; v has `width` columns, all of the batch the same constant (S, ..., m)."""
@@ -307,49 +309,87 @@ class _AminnGraph:
         """A regularisation constant of both stages (2)."""
         return np.array(pair_of(self.meta[key]))
 
-    def statics(self, g_t: str) -> dict[str, str]:
-        """One pass from G^T = B R_K^-1 (S, N, 3, 3, 3), R_K^T R_K the joint stiffness of each branch."""
+    def contact(self, g_t: str, u: str) -> dict[str, str]:
+        """Joints and contact in series, from G^T = B L^-T (S, N, 3, 3, 3) and the tendons' u = L^-1 d (S, N, 3, 1, 3).
+
+        Y (S, N, 3, 3, 6): Y^T Y = c A_s^T M^-1 A_s. Of u: t (S, N, 3, 1, 3) along the contact's orthonormal columns,
+        and the square of what is left.
+        """
         g = self.g
         root_m = np.sqrt(self.constants_of("eps_m"))[:, None, None, None, None]
-        full = self.beside(g_t, 3, root_m * np.eye(3), "g_t")  # (S, N, 3, 3, 6), with its transpose: M
-        rows, squares = self.gram_schmidt(full, 3, 3, "m")
-        _, tail = g.split(rows, [3, 3], 4, ["m_head", "m_tail"])  # sqrt(eps_M) U
-        norm = g.op("Mul", g.op("Sqrt", squares, name="m_norm"), g.constant("root_eps_m", root_m), name="m_scale")
-        r_mt = g.op("Div", tail, norm, name="r_m_inverse_t")  # (S, N, 3, 3, 3) R_M^-T
-        y = g.op("MatMul", r_mt, self.a_s, name="y")  # (S, N, 3, 3, 6), Y^T Y = c A_s^T M^-1 A_s
-        y_t = self.transposed(g.reshape(y, [0, 0, 9, 6], "y_rows"), "y_t", 4)  # (S, N, 6, 9)
-        return dict(r_mt=r_mt, y=y, g_t=g_t) | self.solve(y_t)
+        stacked = g.op("Concat", g_t, u, name="g_u_t", axis=3)  # (S, N, 3, 4, 3)
+        full = self.beside(stacked, 3, root_m * np.eye(4, 3), "g_t")  # (S, N, 3, 4, 6), with its transpose: M
+        rest, done = self.gram_schmidt(full, 4, 3, "m")
+        rows = g.op("Concat", *done, name="m_rows", axis=3)  # (S, N, 3, 3, 6)
+        norm = g.op("Sqrt", self.squares(rows, 4, "m"), name="m_norm")  # (S, N, 3, 3, 1)
+        unit = g.op("Div", rows, norm, name="m_unit")
+        _, tail = g.split(unit, [3, 3], 4, ["m_head", "m_tail"])
+        r_mt = g.op("Mul", tail, g.constant("m_scale", 1 / root_m), name="r_m_inverse_t")  # (S, N, 3, 3, 3) R_M^-T
+        y = g.op("MatMul", r_mt, self.a_s, name="y")  # (S, N, 3, 3, 6)
+        rest_square = g.reshape(self.squares(rest, 4, "rest"), [0, 0, N_BRANCH, 1], "rest_square")  # (S, N, 3, 1)
+        _, below = g.split(rest, [3, 3], 4, ["rest_head", "rest_tail"])  # (S, N, 3, 1, 3)
+        force = g.op("Mul", below, g.constant("rest_scale", -1 / root_m), name="tendon_force")
+        m = g.reshape(g.op("MatMul", force, self.a_s, name="m_row"), [0, 0, N_BRANCH, N_WRENCH], "m")  # (S, N, 3, 6)
+        return dict(g_t=g_t, r_mt=r_mt, y=y, m=m, rest_square=rest_square)
 
-    def solve(self, y_t: str) -> dict[str, str]:
-        """K_x = V^T V with V^T = [Y^T | sqrt(eps_Kx) S], and x = K_x^-1 w, in scaled lengths."""
+    def springs_alone(self, contact: dict[str, str]) -> dict[str, str]:
+        """Pass 1: K_x = V^T V with V^T = [Y^T | sqrt(eps_Kx) S], and x = K_x^-1 w, in scaled lengths."""
         g, root = self.g, np.sqrt(self.constants_of("eps_kx"))[:, None, None, None]
         scale = self.scale.astype(np.float64)
+        y_t = self.transposed(g.reshape(contact["y"], [0, 0, 9, 6], "y_rows"), "y_t", 4)  # (S, N, 6, 9)
         v_t = self.beside(y_t, 9, root * np.diag(scale), "v_t")  # (S, N, 6, 15)
-        rows, squares = self.gram_schmidt(v_t, N_WRENCH, 2, "v")
+        last, done = self.gram_schmidt(v_t, N_WRENCH, 2, "v")
+        rows = g.op("Concat", *done, last, name="v_rows", axis=2)
+        squares = self.squares(rows, 3, "v")  # (S, N, 6, 1)
         _, tail = g.split(rows, [9, N_WRENCH], 3, ["v_head", "v_tail"])
         unit = g.op("Mul", tail, g.constant("v_tail_scale", 1 / (root * scale)), name="v_unit")  # (S, N, 6, 6) U
         forward = g.op("MatMul", unit, self.w_s, name="forward")  # (S, N, 6, 1)
         divided = g.op("Div", forward, squares, name="divided")
-        x = g.op("MatMul", self.transposed(unit, "v_unit_t", 4), divided, name="x_scaled_col")  # (S, N, 6, 1)
-        x_row = g.reshape(x, [0, 0, N_WRENCH], "x_scaled")  # (S, N, 6)
-        dx = g.op("Mul", x_row, self.s, name="dx_both")
-        return dict(v_t=v_t, x_col=x, x_scaled=x_row, dx=dx)
+        unit_t = self.transposed(unit, "v_unit_t", 4)
+        x = g.op("MatMul", unit_t, divided, name="x0_col")  # (S, N, 6, 1)
+        return dict(v_t=v_t, squares=squares, unit=unit, unit_t=unit_t, forward=forward, x_col=x)
 
-    def stiffness(self, second: dict[str, str]) -> tuple[str, str]:
+    def with_tendons(self, contact: dict[str, str], first: dict[str, str], stiffness: str) -> dict[str, str]:
+        """Pass 2: each tendon of stiffness s (S, N, 3, 1) adds n n^T to K_x, n = m sqrt(s / (1 + s rest^2)).
+
+        With H the tendons seen by pass 1's factors, what they leave of the load is the residual of least squares.
+        """
+        g = self.g
+        one = g.constant("one", 1.0)
+        s_rest = g.op("Mul", stiffness, contact["rest_square"], name="s_rest")
+        gamma = g.op("Div", stiffness, g.op("Add", s_rest, one, name="s_rest_plus1"), name="gamma")
+        root = g.op("Sqrt", gamma, name="root_gamma")  # (S, N, 3, 1)
+        n = g.op("Mul", contact["m"], root, name="n")  # (S, N, 3, 6)
+        h_t = g.op("MatMul", n, first["unit_t"], name="h_rows")  # (S, N, 3, 6)
+        load = g.reshape(first["forward"], [0, 0, 1, N_WRENCH], "load_row")
+        inverse = g.reshape(
+            g.op("Reciprocal", first["squares"], name="v_inverse"), [0, 0, 1, N_WRENCH], "v_inverse_row"
+        )
+        weight = self.beside(inverse, N_WRENCH, np.ones((1, 1, 1, 3)), "h_weight")  # (S, N, 1, 9)
+        rows = g.op("Concat", h_t, load, name="h_load", axis=2)  # (S, N, 4, 6)
+        full = self.beside(rows, N_WRENCH, np.eye(4, 3)[None, None], "h_load")  # (S, N, 4, 9)
+        rest, _ = self.gram_schmidt(full, 4, 2, "h", weight)
+        left, _ = g.split(rest, [N_WRENCH, N_BRANCH], 3, ["load_left", "load_taken"])  # (S, N, 1, 6)
+        z = g.op("Mul", left, inverse, name="z_row")
+        x = g.reshape(g.op("MatMul", z, first["unit"], name="x_scaled_row"), [0, 0, N_WRENCH], "x_scaled")
+        return dict(n=n, x_scaled=x, dx=g.op("Mul", x, self.s, name="dx_both"))
+
+    def stiffness(self, first: dict[str, str], second: dict[str, str]) -> tuple[str, str]:
         """K_x (S, N, 6, 6), scaled and in SI."""
-        g, v_t = self.g, second["v_t"]
-        k_scaled = g.op("MatMul", v_t, self.transposed(v_t, "v", 4), name="k_scaled")
+        g, v_t, n = self.g, first["v_t"], second["n"]
+        v = g.op("Concat", v_t, self.transposed(n, "n_t", 4), name="v_n_t", axis=3)  # (S, N, 6, 18)
+        k_scaled = g.op("MatMul", v, self.transposed(v, "v_n", 4), name="k_scaled")
         scale = self.scale.astype(np.float64)
         return k_scaled, g.op("Mul", k_scaled, g.constant("k_unscale", 1 / np.outer(scale, scale)), name="k_x_both")
 
-    def joint_deflection(self, first: dict[str, str], l_it: str) -> str:
+    def joint_deflection(self, contact: dict[str, str], first: dict[str, str], l_it: str) -> str:
         """dq0 (S, N, 3, 3) of pass 1, masked by coordinate and contact; l_it is L^-T (S, N, 3, 3, 3)."""
         g = self.g
         x = g.reshape(first["x_col"], [0, 0, 1, N_WRENCH, 1], "x_block")
         if self.meta["dq0"] == "statics":
-            stretch = g.op("MatMul", first["y"], x, name="y_x")  # (S, N, 3, 3, 1)
-            force = g.op("MatMul", self.transposed(first["r_mt"], "r_m_inverse", 5), stretch, name="force")
-            moment = g.op("MatMul", self.transposed(first["g_t"], "g", 5), force, name="g_force")
+            stretch = g.op("MatMul", contact["y"], x, name="y_x")  # (S, N, 3, 3, 1)
+            force = g.op("MatMul", self.transposed(contact["r_mt"], "r_m_inverse", 5), stretch, name="force")
+            moment = g.op("MatMul", self.transposed(contact["g_t"], "g", 5), force, name="g_force")
             raw = g.op("MatMul", l_it, moment, name="dq0_col")
         else:
             eps = self.constants_of("eps_jq")[:, None, None, None, None] * np.eye(3)
@@ -361,29 +401,19 @@ class _AminnGraph:
         live = g.op("Mul", self.root_flag, mask, name="coord_live")  # (N, 3, 3)
         return g.op("Mul", g.reshape(raw, [0, 0, 3, 3], "dq0_raw"), live, name="dq0_both")
 
-    def gates(self, springs: dict[str, str], dq0: str) -> str:
+    def stretch(self, springs: dict[str, str], contact: dict[str, str], first: dict[str, str], dq0: str | None) -> str:
+        """How far pass 1 stretches each tendon, eta = <dq0, d>: (S, N, 3, 1); in the form "statics" sqrt(c) m.x."""
+        g = self.g
+        if self.meta["dq0"] == "statics":
+            return g.op("Mul", g.op("MatMul", contact["m"], first["x_col"], name="m_x"), self.root_flag, name="eta")
+        return g.reduce_sum(g.op("Mul", str(dq0), springs["tendon_dir"], name="eta_terms"), 3, "eta")
+
+    def gates(self, springs: dict[str, str], eta: str) -> str:
         """Engagement of each tendon (S, N, 3, 1)."""
         g = self.g
-        eta = g.reduce_sum(g.op("Mul", dq0, springs["tendon_dir"], name="eta_terms"), 3, "eta")  # (S, N, 3, 1)
         slack = g.op("Sub", eta, springs["beta"], name="slack")
         stretch = g.op("Mul", springs["alpha"], slack, name="stretch")
         return g.op("Sigmoid", g.op("Add", stretch, springs["rho"], name="gate_logit"), name="gate_col")
-
-    def engaged(self, g_t: str, l_it: str, springs: dict[str, str], gate: str) -> str:
-        """G^T of pass 2 (S, N, 3, 3, 3): the springs and s d d^T, s = gain gate.
-
-        With u = L^-1 d the joint compliance becomes L^-T (I + s u u^T)^-1 L^-1, and I - t u u^T is the root of the
-        middle with t = s / (r (1 + r)), r = sqrt(1 + s |u|^2). So G^T loses t (G^T u) u^T.
-        """
-        g, one = self.g, self.g.constant("one", 1.0)
-        u = g.op("MatMul", g.unsqueeze(springs["tendon_dir"], [3], "dir_row"), l_it, name="u")  # (S, N, 3, 1, 3)
-        s = g.unsqueeze(g.op("Mul", springs["gain"], gate, name="tendon_stiffness"), [4], "s")  # (S, N, 3, 1, 1)
-        length = g.reduce_sum(g.op("Mul", u, u, name="u_terms"), 4, "u_square")
-        r = g.op("Sqrt", g.op("Add", g.op("Mul", s, length, name="s_u"), one, name="s_u_plus1"), name="root")
-        t = g.op("Div", s, g.op("Mul", r, g.op("Add", r, one, name="root_plus1"), name="root_term"), name="t")
-        along = g.reduce_sum(g.op("Mul", g_t, u, name="g_u_terms"), 4, "g_u")  # (S, N, 3, 3, 1)
-        lost = g.op("Mul", along, g.op("Mul", t, u, name="t_u"), name="g_lost")
-        return g.op("Sub", g_t, lost, name="g_t_engaged")
 
     def classifier(self, f: str, second: dict[str, str], k_scaled: str, gate: str) -> None:
         """p_stable (N) from stage 1's feature and statics."""
@@ -410,18 +440,23 @@ class _AminnGraph:
         springs = self.springs(f)
         l_it = self.chol_inverse_t(springs["chol"])
         g_t = g.op("MatMul", self.b, l_it, name="g_t")  # (S, N, 3, 3, 3)
-        first = self.statics(g_t)
-        dq0 = self.joint_deflection(first, l_it)
-        gate_col = self.gates(springs, dq0)
+        u = g.op("MatMul", g.unsqueeze(springs["tendon_dir"], [3], "dir_row"), l_it, name="u")  # (S, N, 3, 1, 3)
+        contact = self.contact(g_t, u)
+        first = self.springs_alone(contact)
+        needed = debug or self.meta["dq0"] != "statics"
+        dq0 = self.joint_deflection(contact, first, l_it) if needed else None
+        gate_col = self.gates(springs, self.stretch(springs, contact, first, dq0))
         gate = g.op("Squeeze", gate_col, g.index("axes", [3]), name="gate_both")  # (S, N, 3)
-        second = self.statics(self.engaged(g_t, l_it, springs, gate_col))
-        k_scaled, k_x = self.stiffness(second)
+        second = self.with_tendons(contact, first, g.op("Mul", springs["gain"], gate_col, name="tendon_stiffness"))
+        k_scaled, k_x = self.stiffness(first, second)
         self.classifier(f, second, k_scaled, gate)
         for name, value in (("dx_ht", second["dx"]), ("k_x", k_x), ("gate", gate)):
             g.gather(value, 1, 0, name)
         outputs = dict(OUTPUT_SHAPES)
         if debug:
-            values = self.debug_values(springs) | dict(dx0=first["dx"], dq0=dq0, gate=gate, k_x=k_x, dx=second["dx"])
+            x0 = g.reshape(first["x_col"], [0, 0, N_WRENCH], "x0")
+            dx0 = g.op("Mul", x0, self.s, name="dx0_both")
+            values = self.debug_values(springs) | dict(dx0=dx0, dq0=str(dq0), gate=gate, k_x=k_x, dx=second["dx"])
             outputs |= self.debug_outputs(values)
         name = "aminn_debug" if debug else "aminn"
         return g.model(name, INPUT_SHAPES, outputs, OPSET, IR_VERSION, onnx_metadata(self.meta))
