@@ -107,7 +107,7 @@ bench: setup-python setup-host $(STAMPS)/apt-bench ## time of one prediction bes
 	@$(PYTHON) -m aminn_export.bench --model tests/golden --build $(HOST) --json $(REPORTS)/bench.json
 
 .PHONY: fidelity
-fidelity: setup-python setup-host setup-arm $(STAMPS)/apt-cross $(STAMPS)/apt-fuzz ## errors to float64 beside ONNX Runtime's; the bits of 15 targets
+fidelity: setup-python setup-host setup-arm $(STAMPS)/apt-cross $(STAMPS)/apt-fuzz ## errors to float64 beside ONNX Runtime's; the bits of 18 targets
 	@[ -f $(BUILD)/fidelity/data/manifest.json ] || $(VENV)/bin/aminn simulate --out $(BUILD)/fidelity/data \
 	  --grasps 1250 --cases 16 --seed 77 --threads $(THREADS)
 	@$(PYTHON) -m aminn_export.fidelity --model tests/golden --data $(BUILD)/fidelity/data --work $(BUILD)/fidelity \
