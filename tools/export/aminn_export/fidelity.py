@@ -72,7 +72,7 @@ def in_chunks(reference: Reference, inputs: dict[str, NDArray]) -> dict[str, Arr
 
 
 def _quantiles(name: str, values: Array) -> Figures:
-    quantiles = {"median": 0.5, "p99": 0.99, "max": 1.0}
+    quantiles = {"median": 0.5, "p99": 0.99, "p9999": 0.9999, "max": 1.0}
     return {f"{name}_{key}": float(np.quantile(values, q)) for key, q in quantiles.items()}
 
 
