@@ -65,7 +65,9 @@ AMINN_INLINE void dense_block(const Weight *w, int step, const float *b, const f
     Register odd[kCount] = {};
     AMINN_UNROLL_ROWS
     for (int k = 0; k < kCount; ++k) {
-        load(b + place(k), even[k]);
+        Register r;
+        load(b + place(k), r);
+        even[k] = r;
     }
     int i = 0;
     const auto add = [&](Register(&sums)[kCount], const Weight *row, float factor) {

@@ -1,9 +1,9 @@
+#define _POSIX_C_SOURCE 200112L /* posix_memalign */
 #include "host_file.h"
 
 #include <errno.h>
 #include <limits.h>
 #include <stdarg.h>
-#include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -41,7 +41,6 @@ void die(const char *format, ...)
 void *read_file(const char *path, size_t *size)
 {
     FILE *file = fopen(path, "rb");
-    char *memory = NULL;
     void *bytes = NULL;
     long end = 0;
     if (file == NULL) {
@@ -50,12 +49,10 @@ void *read_file(const char *path, size_t *size)
     if (fseek(file, 0, SEEK_END) != 0 || (end = ftell(file)) < 0 || end == LONG_MAX || fseek(file, 0, SEEK_SET) != 0) {
         die("%s: not a regular file", path);
     }
-    memory = malloc((size_t)end + ALIGNMENT);
-    if (memory == NULL) {
+    if (posix_memalign(&bytes, ALIGNMENT, (size_t)end + 1) != 0) {
         die("%s: out of memory for %ld bytes", path, end);
     }
-    hold(memory);
-    bytes = memory + (ALIGNMENT - (uintptr_t)memory % ALIGNMENT) % ALIGNMENT;
+    hold(bytes);
     if (fread(bytes, 1, (size_t)end, file) != (size_t)end) {
         die("%s: cannot read", path);
     }
