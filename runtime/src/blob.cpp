@@ -93,9 +93,6 @@ void copy_constants(const Header &h, aminn_model_t &m)
     }
 }
 
-// Each table begins at a multiple of this, counted from the blob's start: a row of weights then lies in as few lines of a
-// host's cache as it can.
-constexpr size_t kTableAlignment = 64;
 static_assert(sizeof(Header) % kTableAlignment == 0, "the tables follow the header at once");
 
 // point the tables into the blob; false if it is not exactly as long as they are
@@ -103,9 +100,7 @@ bool place_tables(const uint8_t *bytes, size_t len, aminn_model_t &m)
 {
     size_t at = sizeof(Header);
     for (const TableInfo &table : kTables) {
-        const bool half = table.weights && m.weight_type == AMINN_WEIGHTS_FLOAT16;
-        const size_t bytes_used = table_length(m, table) * (half ? sizeof(uint16_t) : sizeof(float));
-        const size_t size = (bytes_used + kTableAlignment - 1) / kTableAlignment * kTableAlignment;
+        const size_t size = table_room(m, table);
         if (len - at < size) {
             return false;
         }

@@ -85,6 +85,18 @@ inline uint32_t table_length(const aminn_model_t &m, const TableInfo &table)
     return extent(m, table.rows) * extent(m, table.columns);
 }
 
+// Each table of a blob begins at a multiple of this, counted from the blob's start: a row of weights then lies in as few
+// lines of a host's cache as it can.
+constexpr size_t kTableAlignment = 64;
+
+// What a table takes of a blob, with what fills it up.
+inline size_t table_room(const aminn_model_t &m, const TableInfo &table)
+{
+    const bool half = table.weights && m.weight_type == AMINN_WEIGHTS_FLOAT16;
+    const size_t size = table_length(m, table) * (half ? sizeof(uint16_t) : sizeof(float));
+    return (size + kTableAlignment - 1) / kTableAlignment * kTableAlignment;
+}
+
 inline const void *table_pointer(const aminn_model_t &m, const TableInfo &table)
 {
     const void *pointer = nullptr;

@@ -51,7 +51,7 @@ size_t change_widths(uint8_t *data, size_t size, size_t max_size, Random &random
     if (size == kBlobHeader || widths[0] > 129 || widths[1] > 129 || widths[2] > 129) {
         return size;
     }
-    const size_t wanted = kBlobHeader + 4 * table_floats(widths[0], widths[1], widths[2]);
+    const size_t wanted = kBlobHeader + table_bytes(widths);
     if (wanted > max_size) {
         return size;
     }

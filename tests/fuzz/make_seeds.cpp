@@ -47,9 +47,11 @@ Bytes blob_of(const aminn_model_t &m)
     for (const aminn::TableInfo &table : aminn::kTables) {
         const auto *values =
             static_cast<const float *>(aminn::table_pointer(m, table)); // the seeds' weights are float32
+        const size_t end = bytes.size() + aminn::table_room(m, table);
         for (uint32_t i = 0; i < aminn::table_length(m, table); ++i) {
             put(bytes, values[i]);
         }
+        bytes.resize(end);
     }
     fuzz::seal_blob(bytes.data(), bytes.size());
     return bytes;

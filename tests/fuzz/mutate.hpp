@@ -6,6 +6,8 @@
 #include <cstdint>
 #include <random>
 
+#include "tables.hpp"
+
 // libFuzzer's own mutations
 extern "C" size_t LLVMFuzzerMutate(uint8_t *data, size_t size, size_t max_size);
 
@@ -24,10 +26,18 @@ void mutate_float(uint8_t *at, Random &random);
 // Size and CRC-32 in a blob's header made right.
 void seal_blob(uint8_t *data, size_t size);
 
-// Floats behind the header of a blob with these widths (docs/model-format.md).
-constexpr size_t table_floats(size_t hc, size_t h, size_t hd)
+// Bytes behind the header of a blob with these widths and float32 weights.
+inline size_t table_bytes(const uint32_t widths[3])
 {
-    return 93 + 2 * (193 + 52 * hc + (hc + 27) * h + (h + 1) * h + 39 * h) + 31 + (h + 17) * hd;
+    aminn_model_t model = {};
+    model.contact_width = widths[0];
+    model.width = widths[1];
+    model.classifier_width = widths[2];
+    size_t bytes = 0;
+    for (const aminn::TableInfo &table : aminn::kTables) {
+        bytes += aminn::table_room(model, table);
+    }
+    return bytes;
 }
 
 constexpr size_t kBlobHeader = 128;
