@@ -112,9 +112,10 @@ def on_ray(tasks: Sequence[ShardTask], threads: int, progress: Progress) -> Fini
                 progress(done)
                 yield task, result
     finally:
-        _stop(ray, list(running))
         if ours:
-            ray.shutdown()
+            ray.shutdown()  # with its tasks; a task that ends while it is cancelled would abort the program
+        else:
+            _stop(ray, list(running))
 
 
 def _stop(ray: ModuleType, references: list) -> None:
