@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from .dims import N_BRANCH, N_WRENCH
+from .dims import BRANCH_JOINTS, N_BRANCH, N_WRENCH
 from .errors import AminnError
 from .nominal import Nominal
 
@@ -20,7 +20,7 @@ AXIAL = (1.0, -1.0, -1.0)
 MOTION = POLAR + AXIAL
 CONTACT = (1.0, *POLAR, *POLAR, 1.0)
 BRANCHES = (1, 0, 2)
-JOINTS = (3, 4, 5, 0, 1, 2, 6, 7)
+JOINTS = tuple(joint for branch in BRANCHES for joint in BRANCH_JOINTS[branch] if joint >= 0)
 
 
 def check_symmetric(nominal: Nominal) -> None:
@@ -32,10 +32,13 @@ def check_symmetric(nominal: Nominal) -> None:
         "link_a_m": (nominal.link_a, nominal.link_a[swap] * polar),
         "joint_stiffness_Nm_rad": (nominal.chol, nominal.chol[swap]),
         "tendons": (nominal.tendon_dir, nominal.tendon_dir[swap]),
+        "tendons (stiffness)": (nominal.tendon_gain, nominal.tendon_gain[swap]),
     }
     for name, (value, image) in images.items():
         if not np.allclose(value, image, atol=1e-9):
-            raise AminnError(f"hand.{name}: finger 1 is not the mirror image of finger 2; train with mirror=false")
+            raise AminnError(
+                f"hand.{name}: finger 1 is not the mirror image of finger 2; train with --set mirror=false"
+            )
 
 
 def mirror_inputs(x: dict[str, Tensor]) -> dict[str, Tensor]:
