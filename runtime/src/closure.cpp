@@ -1,83 +1,62 @@
 // Closure Jacobians from the hand's geometry.
 #include "parts.hpp"
+#include "vector3.hpp"
 
 namespace aminn {
 namespace {
 
-// joint that drives each branch coordinate; -1 where there is none
-constexpr int kBranchJoint[kBranch][AMINN_N_COORD] = {{0, 1, 2}, {3, 4, 5}, {-1, 6, 7}};
-
-struct Vec3 {
-    float x, y, z;
-};
-
-AMINN_FUNCTION Vec3 load(const float *p)
-{
-    return {p[0], p[1], p[2]};
-}
-
-AMINN_FUNCTION Vec3 subtract(const Vec3 &a, const Vec3 &b)
-{
-    return {a.x - b.x, a.y - b.y, a.z - b.z};
-}
-
-AMINN_FUNCTION Vec3 cross(const Vec3 &a, const Vec3 &b)
-{
-    return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
-}
-
 // v turned about a unit vector (Rodrigues)
-AMINN_FUNCTION Vec3 turn(const Vec3 &axis, const SineCosine &angle, const Vec3 &v)
+void turn(const float *axis, const SineCosine &angle, float *v)
 {
-    const Vec3 across = cross(axis, v);
-    const float along = (1.0F - angle.cosine) * ((axis.x * v.x + axis.y * v.y) + axis.z * v.z);
-    return {(angle.cosine * v.x + angle.sine * across.x) + along * axis.x,
-            (angle.cosine * v.y + angle.sine * across.y) + along * axis.y,
-            (angle.cosine * v.z + angle.sine * across.z) + along * axis.z};
+    float across[3];
+    cross(axis, v, across);
+    const float along = (1.0F - angle.cosine) * dot3(axis, v);
+    for (int i = 0; i < 3; ++i) {
+        v[i] = (angle.cosine * v[i] + angle.sine * across[i]) + along * axis[i];
+    }
 }
 
-// A = [I | -[r]x]
-void tool_side(const Vec3 &r, float (*j_x)[AMINN_N_WRENCH])
+// A = [I | -[r]x], a column of either half for each axis
+void tool_side(const float *r, float (*j_x)[AMINN_N_WRENCH])
 {
-    for (int i = 0; i < 3; ++i) {
-        for (int k = 0; k < AMINN_N_WRENCH; ++k) {
-            j_x[i][k] = i == k ? 1.0F : 0.0F;
+    for (int k = 0; k < 3; ++k) {
+        float axis[3] = {};
+        float velocity[3];
+        axis[k] = 1.0F;
+        cross(axis, r, velocity);
+        for (int i = 0; i < 3; ++i) {
+            j_x[i][k] = axis[i];
+            j_x[i][3 + k] = velocity[i];
         }
     }
-    j_x[0][4] = r.z;
-    j_x[0][5] = -r.y;
-    j_x[1][3] = -r.z;
-    j_x[1][5] = r.x;
-    j_x[2][3] = r.y;
-    j_x[2][4] = -r.x;
 }
 
 // -B, B = [z1 x s, z2 x s, z3 x (s - a)], s from the base to the contact; axes and link turned with the joints
-void joint_side(const aminn_model_t &model, int b, const float *q, const Vec3 &contact, float (*j_q)[AMINN_N_COORD])
+void joint_side(const aminn_model_t &model, int b, const float *q, const float *contact, float (*j_q)[AMINN_N_COORD])
 {
-    const float *axes = model.geom_axis + 9 * b;
-    const float *mask = model.coord_mask + 3 * b;
-    const int *joint = kBranchJoint[b];
-    Vec3 z[AMINN_N_COORD] = {load(axes), load(axes + 3), load(axes + 6)};
-    Vec3 a = load(model.geom_link_a + 3 * b);
-    const SineCosine proximal = sine_cosine(q[joint[1]]);
-    z[2] = turn(z[1], proximal, z[2]);
-    a = turn(z[1], proximal, a);
-    if (joint[0] >= 0) {
-        const SineCosine roll = sine_cosine(q[joint[0]]);
-        z[1] = turn(z[0], roll, z[1]);
-        z[2] = turn(z[0], roll, z[2]);
-        a = turn(z[0], roll, a);
+    constexpr int kLink = AMINN_N_COORD;
+    float turned[AMINN_N_COORD + 1][3]; // z1, z2, z3, a
+    std::memcpy(turned, model.geom_axis + 9 * b, sizeof turned - sizeof *turned);
+    std::memcpy(turned[kLink], model.geom_link_a + 3 * b, sizeof *turned);
+    const int first = b == kBranch - 1 ? 1 : 0; // the thumb has no roll
+    const float *angles = q + AMINN_N_COORD * b - first;
+    for (int c = 1; c >= first; --c) { // the distal joint turns nothing that counts
+        const SineCosine angle = sine_cosine(angles[c]);
+        for (int k = c + 1; k <= kLink; ++k) {
+            turn(turned[c], angle, turned[k]);
+        }
     }
-    Vec3 arm = subtract(contact, load(model.geom_base + 3 * b));
+    float arm[3];
+    subtract(contact, model.geom_base + 3 * b, arm);
     for (int c = 0; c < AMINN_N_COORD; ++c) {
         if (c == AMINN_N_COORD - 1) {
-            arm = subtract(arm, a);
+            subtract(arm, turned[kLink], arm);
         }
-        const Vec3 velocity = cross(z[c], arm);
-        j_q[0][c] = -mask[c] * velocity.x;
-        j_q[1][c] = -mask[c] * velocity.y;
-        j_q[2][c] = -mask[c] * velocity.z;
+        float velocity[3];
+        cross(turned[c], arm, velocity);
+        for (int i = 0; i < 3; ++i) {
+            j_q[i][c] = -model.coord_mask[3 * b + c] * velocity[i];
+        }
     }
 }
 
@@ -99,15 +78,16 @@ bool closure(const aminn_model_t &model, const float *q, const float *x_ht,
             return false;
         }
     }
+    fill(j_x[0][0], kBranch * 3 * AMINN_N_WRENCH, 0.0F);
+    fill(j_q[0][0], kBranch * 3 * AMINN_N_COORD, 0.0F);
     for (int b = 0; b < kBranch; ++b) {
-        if (contacts[b][0] == 0.0F) {
-            fill(j_x[b][0], 3 * AMINN_N_WRENCH, 0.0F);
-            fill(j_q[b][0], 3 * AMINN_N_COORD, 0.0F);
-            continue;
+        if (contacts[b][0] != 0.0F) {
+            const float *contact = contacts[b] + 1;
+            float r[3];
+            subtract(contact, x_ht, r);
+            tool_side(r, j_x[b]);
+            joint_side(model, b, q, contact, j_q[b]);
         }
-        const Vec3 contact = load(contacts[b] + 1);
-        tool_side(subtract(contact, load(x_ht)), j_x[b]);
-        joint_side(model, b, q, contact, j_q[b]);
     }
     return true;
 }

@@ -3,7 +3,8 @@
 //      y      b       w_0        w_1
 //     | | =  | |  +  |   | x0 + |   | x1 + ...
 //
-// Each output has two sums, of its even and of its odd inputs, added in the end: half the rounding errors of one sum, and
+// Each output has two sums, of its even and of its odd inputs, added in the end (the latter begins with -0, which adds
+// nothing to any number): half the rounding errors of one sum, and
 // twice as many independent operations. A block of outputs stays in registers while the weights stream by. The last
 // block may overlap the one before it: its outputs are computed again, with the same result.
 #ifndef AMINN_SRC_DENSE_HPP
@@ -62,12 +63,13 @@ AMINN_INLINE void dense_block(const Weight *w, int step, const float *b, const f
 {
     const auto place = [last](int k) { return k < kCount - 1 ? k * kRegister : last; };
     Register even[kCount];
-    Register odd[kCount] = {};
+    Register odd[kCount];
     AMINN_UNROLL_ROWS
     for (int k = 0; k < kCount; ++k) {
         Register r;
         load(b + place(k), r);
         even[k] = r;
+        odd[k] = -Register{};
     }
     int i = 0;
     const auto add = [&](Register(&sums)[kCount], const Weight *row, float factor) {
@@ -128,57 +130,48 @@ template <class Weight>
 constexpr int kBlock = 8;
 
 #if AMINN_CORTEX_M
-constexpr float kZeros[kBlock] = {};
-
 // a row of weights times one input, added to the even sums s0-s7 or to the odd sums s8-s15
 #define AMINN_LOAD_ROW "    vldmia %[w], {s16-s23}\n    add %[w], %[step]\n"
-#define AMINN_ADD_EVEN(x)                                                                                 \
-    AMINN_LOAD_ROW "    vmla.f32 s0, s16, " x "\n    vmla.f32 s1, s17, " x "\n    vmla.f32 s2, s18, " x   \
-                   "\n    vmla.f32 s3, s19, " x "\n    vmla.f32 s4, s20, " x "\n    vmla.f32 s5, s21, " x \
-                   "\n    vmla.f32 s6, s22, " x "\n    vmla.f32 s7, s23, " x "\n"
-#define AMINN_ADD_ODD(x)                                                                                     \
-    AMINN_LOAD_ROW "    vmla.f32 s8, s16, " x "\n    vmla.f32 s9, s17, " x "\n    vmla.f32 s10, s18, " x     \
-                   "\n    vmla.f32 s11, s19, " x "\n    vmla.f32 s12, s20, " x "\n    vmla.f32 s13, s21, " x \
-                   "\n    vmla.f32 s14, s22, " x "\n    vmla.f32 s15, s23, " x "\n"
+#define AMINN_ADD_EVEN                                                                                 \
+    AMINN_LOAD_ROW "    vmla.f32 s0, s16, s24\n    vmla.f32 s1, s17, s24\n    vmla.f32 s2, s18, s24\n" \
+                   "    vmla.f32 s3, s19, s24\n    vmla.f32 s4, s20, s24\n    vmla.f32 s5, s21, s24\n" \
+                   "    vmla.f32 s6, s22, s24\n    vmla.f32 s7, s23, s24\n"
+#define AMINN_ADD_ODD                                                                                     \
+    AMINN_LOAD_ROW "    vmla.f32 s8, s16, s25\n    vmla.f32 s9, s17, s25\n    vmla.f32 s10, s18, s25\n"   \
+                   "    vmla.f32 s11, s19, s25\n    vmla.f32 s12, s20, s25\n    vmla.f32 s13, s21, s25\n" \
+                   "    vmla.f32 s14, s22, s25\n    vmla.f32 s15, s23, s25\n"
 #endif
 
 // a block of float32 weights
 inline void dense_block(const float *w, int step, const float *b, const float *x, int n_in, float *y)
 {
 #if AMINN_CORTEX_M
-    __asm volatile(
-        "    vldmia %[b], {s0-s7}\n"
-        "    vldmia %[zero], {s8-s15}\n"
-        "    subs %[n], #4\n"
-        "    blt 2f\n"
-        "1:  vldmia %[x]!, {s24-s27}\n" AMINN_ADD_EVEN("s24") AMINN_ADD_ODD("s25") AMINN_ADD_EVEN("s26")
-            AMINN_ADD_ODD("s27") "    subs %[n], #4\n"
-                                 "    bge 1b\n"
-                                 "2:  adds %[n], #2\n"
-                                 "    blt 3f\n"
-                                 "    vldmia %[x]!, {s24-s25}\n" AMINN_ADD_EVEN("s24") AMINN_ADD_ODD(
-                                     "s25") "    subs %[n], #2\n"
-                                            "3:  adds %[n], #2\n"
-                                            "    beq 4f\n"
-                                            "    vldr s24, [%[x]]\n" AMINN_ADD_EVEN("s24") "4:  vadd.f32 s0, s0, s8\n"
-                                                                                           "    vadd.f32 s1, s1, s9\n"
-                                                                                           "    vadd.f32 s2, s2, s10\n"
-                                                                                           "    vadd.f32 s3, s3, s11\n"
-                                                                                           "    vadd.f32 s4, s4, s12\n"
-                                                                                           "    vadd.f32 s5, s5, s13\n"
-                                                                                           "    vadd.f32 s6, s6, s14\n"
-                                                                                           "    vadd.f32 s7, s7, s15\n"
-                                                                                           "    vstmia %[y], {s0-s7}"
-        : [w] "+r"(w), [x] "+r"(x), [n] "+r"(n_in)
-        : [b] "r"(b), [y] "r"(y), [step] "r"(step * static_cast<int>(sizeof *w)), [zero] "r"(kZeros)
-        : "s0", "s1", "s2", "s3", "s4", "s5", "s6", "s7", "s8", "s9", "s10", "s11", "s12", "s13", "s14", "s15", "s16",
-          "s17", "s18", "s19", "s20", "s21", "s22", "s23", "s24", "s25", "s26", "s27", "cc", "memory");
+    __asm volatile("    vldmia %[b], {s0-s7}\n"
+                   "    vldmia %[zero], {s8-s15}\n"
+                   "    b 2f\n"
+                   "1:  vldmia %[x]!, {s24-s25}\n" AMINN_ADD_EVEN AMINN_ADD_ODD "2:  subs %[n], #2\n"
+                   "    bge 1b\n"
+                   "    adds %[n], #1\n"
+                   "    blt 3f\n"
+                   "    vldr s24, [%[x]]\n" AMINN_ADD_EVEN "3:  vadd.f32 s0, s0, s8\n"
+                   "    vadd.f32 s1, s1, s9\n"
+                   "    vadd.f32 s2, s2, s10\n"
+                   "    vadd.f32 s3, s3, s11\n"
+                   "    vadd.f32 s4, s4, s12\n"
+                   "    vadd.f32 s5, s5, s13\n"
+                   "    vadd.f32 s6, s6, s14\n"
+                   "    vadd.f32 s7, s7, s15\n"
+                   "    vstmia %[y], {s0-s7}"
+                   : [w] "+r"(w), [x] "+r"(x), [n] "+r"(n_in)
+                   : [b] "r"(b), [y] "r"(y), [step] "r"(step * static_cast<int>(sizeof *w)), [zero] "r"(kMinusZeros)
+                   : "s0", "s1", "s2", "s3", "s4", "s5", "s6", "s7", "s8", "s9", "s10", "s11", "s12", "s13", "s14",
+                     "s15", "s16", "s17", "s18", "s19", "s20", "s21", "s22", "s23", "s24", "s25", "cc", "memory");
 #else
     float even[kBlock];
     float odd[kBlock];
     for (int k = 0; k < kBlock; ++k) {
         even[k] = b[k];
-        odd[k] = 0.0F;
+        odd[k] = -0.0F;
     }
     int i = 0;
     for (; i + 2 <= n_in; i += 2) {
@@ -199,28 +192,6 @@ inline void dense_block(const float *w, int step, const float *b, const float *x
 #endif
 }
 
-inline void floor_at(float floor, float *y, int n)
-{
-    for (int i = 0; i < n; ++i) {
-        y[i] = y[i] < floor ? 0.0F : y[i];
-    }
-}
-
-inline void dense_of(const float *w, const float *b, const float *x, int n_in, int n_out, float floor, float *y)
-{
-    for (int at = 0; at < n_out; at += kBlock) {
-        const int from = at + kBlock <= n_out ? at : n_out - kBlock;
-        dense_block(w + from, n_out, b + from, x, n_in, y + from);
-    }
-    floor_at(floor, y, n_out);
-}
-
-#endif
-
-#if AMINN_LANES
-constexpr int kSmallest = kRegister; // number of outputs that fill a block
-#else
-constexpr int kSmallest = kBlock;
 #endif
 
 inline void dense(const void *w, uint32_t weight_type, const float *b, const float *x, int n_in, int n_out, float floor,
@@ -229,31 +200,38 @@ inline void dense(const void *w, uint32_t weight_type, const float *b, const flo
     const auto *w32 = static_cast<const float *>(w);
     const auto *w16 = static_cast<const uint16_t *>(w);
     const bool half = weight_type == AMINN_WEIGHTS_FLOAT16;
-    if (n_out >= kSmallest && !half) {
-        dense_of(w32, b, x, n_in, n_out, floor, y);
-        return;
-    }
 #if AMINN_LANES
-    if (n_out >= kSmallest) {
+    if (n_out >= kRegister && half) {
         dense_of(w16, b, x, n_in, n_out, floor, y);
         return;
     }
+    if (n_out >= kRegister) {
+        dense_of(w32, b, x, n_in, n_out, floor, y);
+        return;
+    }
 #endif
-    // one output after the other: without vector registers, float16 is for half the flash and not for speed
     for (int at = 0; at < n_out; ++at) {
-        const auto weight = [&](int i) { return half ? value_of(w16[i * n_out + at]) : w32[i * n_out + at]; };
-        float even = b[at];
-        float odd = 0.0F;
-        int i = 0;
-        for (; i + 2 <= n_in; i += 2) {
-            even = even + weight(i) * x[i];
-            odd = odd + weight(i + 1) * x[i + 1];
+#if !AMINN_LANES
+        if (n_out >= kBlock && !half) {
+            const int from = at + kBlock <= n_out ? at : n_out - kBlock;
+            dense_block(w32 + from, n_out, b + from, x, n_in, y + from);
+            at += kBlock - 1;
+            continue;
         }
-        if (i < n_in) {
-            even = even + weight(i) * x[i];
+#endif
+        // one output alone: without vector registers, float16 is for half the flash and not for speed
+        float next = b[at]; // the sum of the even inputs, and after each step that of the others
+        float other = -0.0F;
+        for (int i = 0; i < n_in; ++i) {
+            const int k = i * n_out + at;
+            const float sum = next + (half ? value_of(w16[k]) : w32[k]) * x[i];
+            next = other;
+            other = sum;
         }
-        even = even + odd;
-        y[at] = even < floor ? 0.0F : even;
+        y[at] = next + other;
+    }
+    for (int i = 0; i < n_out; ++i) {
+        y[i] = y[i] < floor ? 0.0F : y[i];
     }
 }
 

@@ -1,5 +1,6 @@
 // Is an input one that can be predicted from?
 #include "parts.hpp"
+#include "vector3.hpp"
 
 namespace aminn {
 namespace {
@@ -7,28 +8,18 @@ namespace {
 constexpr float kNormalTolerance = 1e-3F;
 constexpr float kMaxRotation = 3.14159265F * (1.0F + 1e-3F); // pi, and room for the rounding of whoever computed it
 
-float length(const float v[3])
-{
-    return root((v[0] * v[0] + v[1] * v[1]) + v[2] * v[2]);
-}
+constexpr int kContacts = AMINN_N_JOINT + 2 * AMINN_N_WRENCH; // where they begin in aminn_state_t
+static_assert(offsetof(aminn_state_t, contacts) == kContacts * sizeof(float), "aminn_state_t has no gaps");
 
-aminn_status_t check_contacts(const float (*contacts)[AMINN_N_CONTACT_FEATURE])
+// any of these numbers of a state
+AMINN_FUNCTION bool outside(const aminn_model_t &model, const float *state, int from, int to)
 {
-    bool any = false;
-    for (int b = 0; b < kBranch; ++b) {
-        if (contacts[b][0] < 0.0F || contacts[b][0] > 1.0F) {
-            return AMINN_E_CONTACT_FLAG;
-        }
+    unsigned any = 0;
+    for (int i = from; i < to; ++i) {
+        any |=
+            static_cast<unsigned>(state[i] < model.range_min[i]) | static_cast<unsigned>(state[i] > model.range_max[i]);
     }
-    for (int b = 0; b < kBranch; ++b) {
-        if (contacts[b][0] > 0.0F) {
-            any = true;
-            if (!(std::fabs(length(contacts[b] + 4) - 1.0F) <= kNormalTolerance)) {
-                return AMINN_E_NORMAL;
-            }
-        }
-    }
-    return any ? AMINN_OK : AMINN_E_NO_CONTACT;
+    return any != 0;
 }
 
 } // namespace
@@ -44,34 +35,33 @@ bool all_finite(const float *values, int n)
 
 bool in_training_range(const aminn_model_t &model, const float *state)
 {
-    constexpr int kContacts = AMINN_N_JOINT + 2 * AMINN_N_WRENCH;
-    unsigned outside = 0;
-    int i = 0;
-    const auto check = [&](int end, unsigned counts) {
-        for (; i < end; ++i) {
-            outside |= counts & (static_cast<unsigned>(state[i] < model.range_min[i]) |
-                                 static_cast<unsigned>(state[i] > model.range_max[i]));
-        }
-    };
-    check(kContacts, 1u);
-    for (int b = 0; b < kBranch; ++b) {
-        const unsigned closed = state[i] > 0.0F ? 1u : 0u;
-        check(i + 1, 1u);
-        check(i + AMINN_N_CONTACT_FEATURE - 1, closed); // a branch out of contact has no numbers but its flag
+    bool beyond = outside(model, state, 0, kContacts);
+    for (int i = kContacts; i < AMINN_N_STATE; i += AMINN_N_CONTACT_FEATURE) {
+        // a branch out of contact has no numbers but its flag
+        beyond |= outside(model, state, i, i + (state[i] > 0.0F ? AMINN_N_CONTACT_FEATURE : 1));
     }
-    return outside == 0;
+    return !beyond;
 }
 
-aminn_status_t check_input(const float *numbers, size_t n, const float *x_ht,
-                           const float (*contacts)[AMINN_N_CONTACT_FEATURE])
+aminn_status_t check_input(const float *numbers, int n)
 {
-    if (!all_finite(numbers, static_cast<int>(n))) {
+    if (!all_finite(numbers, n)) {
         return AMINN_E_NONFINITE;
     }
-    const aminn_status_t status = check_contacts(contacts);
-    // a bad rotation comes before a missing contact in the order that the header promises
-    const bool later = status == AMINN_OK || status == AMINN_E_NO_CONTACT;
-    return later && length(x_ht + 3) > kMaxRotation ? AMINN_E_ROTATION : status;
+    aminn_status_t status = AMINN_E_NO_CONTACT;
+    for (int i = kContacts; i < AMINN_N_STATE; i += AMINN_N_CONTACT_FEATURE) {
+        const float flag = numbers[i] + 0.0F; // no -0
+        const float *normal = numbers + i + 4;
+        if (!within(flag, 0, kOneBits)) {
+            return AMINN_E_CONTACT_FLAG; // of any branch: before a normal
+        }
+        if (bits_of(flag) != 0 && status != AMINN_E_NORMAL) {
+            status = std::fabs(dot3(normal, normal) - 1.0F) <= 2.0F * kNormalTolerance ? AMINN_OK : AMINN_E_NORMAL;
+        }
+    }
+    const float *rotation = numbers + AMINN_N_JOINT + 3;
+    const bool turned = dot3(rotation, rotation) > kMaxRotation * kMaxRotation;
+    return turned && status != AMINN_E_NORMAL ? AMINN_E_ROTATION : status;
 }
 
 } // namespace aminn

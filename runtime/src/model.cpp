@@ -19,26 +19,24 @@ bool dims_ok(const aminn_model_t &m)
 
 bool positive(const float *v, int n)
 {
+    bool ok = true;
     for (int i = 0; i < n; ++i) {
-        if (!(v[i] > 0.0F && v[i] <= FLT_MAX)) {
-            return false;
-        }
+        ok = ok && within(v[i], kSmallestBits, kLargestBits);
     }
-    return true;
-}
-
-bool stage_constants_ok(const aminn_model_t &m, const aminn_stage_model_t &s)
-{
-    const bool eps_jq_ok = m.dq0 == AMINN_DQ0_STATICS ? s.eps_jq >= 0.0F : s.eps_jq > 0.0F;
-    return positive(&s.eps_m, 1) && positive(&s.eps_kx, 1) && eps_jq_ok && s.eps_jq <= FLT_MAX;
+    return ok;
 }
 
 bool constants_ok(const aminn_model_t &m)
 {
-    return m.weight_type <= AMINN_WEIGHTS_FLOAT16 && (m.dq0 == AMINN_DQ0_STATICS || m.dq0 == AMINN_DQ0_INVERSE) &&
-           positive(&m.length_scale, 1) && positive(&m.displacement_log_scale, 1) && m.log_range >= 0.0F &&
-           m.log_range <= FLT_MAX && m.tau >= 0.0F && m.tau <= 1.0F && stage_constants_ok(m, m.stage[0]) &&
-           stage_constants_ok(m, m.stage[1]);
+    bool ok = m.weight_type <= AMINN_WEIGHTS_FLOAT16 && (m.dq0 == AMINN_DQ0_STATICS || m.dq0 == AMINN_DQ0_INVERSE) &&
+              within(m.length_scale, kSmallestBits, kLargestBits) &&
+              within(m.displacement_log_scale, kSmallestBits, kLargestBits) && within(m.log_range, 0, kLargestBits) &&
+              within(m.tau, 0, kOneBits);
+    for (const aminn_stage_model_t &s : m.stage) {
+        ok = ok && within(s.eps_m, kSmallestBits, kLargestBits) && within(s.eps_kx, kSmallestBits, kLargestBits) &&
+             within(s.eps_jq, m.dq0 == AMINN_DQ0_STATICS ? 0 : kSmallestBits, kLargestBits);
+    }
+    return ok;
 }
 
 bool all_finite16(const uint16_t *values, uint32_t n)
@@ -75,8 +73,8 @@ bool tables_in_range(const aminn_model_t &m)
     for (int b = 0; b < kBranch; ++b) {
         ok = ok && positive(m.chol_nom + 6 * b, 3);
     }
-    for (int i = 0; i < kBranch * AMINN_N_COORD; ++i) {
-        ok = ok && (m.coord_mask[i] == 0.0F || m.coord_mask[i] == 1.0F);
+    for (int i = 0; i < kBranch * AMINN_N_COORD; ++i) { // 0 or 1
+        ok = ok && m.coord_mask[i] * m.coord_mask[i] == m.coord_mask[i];
     }
     return ok;
 }

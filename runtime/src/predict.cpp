@@ -13,17 +13,13 @@ static_assert(offsetof(aminn_input_t, j_x) == sizeof(aminn_state_t), "aminn_inpu
 // "does not hold", and no number
 void clear(aminn_output_t &out)
 {
-    float numbers[offsetof(aminn_output_t, stable) / sizeof(float)]; // they stand first, without gaps
-    for (float &number : numbers) {
-        number = NAN;
-    }
-    std::memcpy(&out, numbers, sizeof numbers);
+    std::memset(&out, 0xFF, offsetof(aminn_output_t, stable)); // the numbers stand first; these bits are NaN
     out.p_stable = 0.0F;
     out.stable = 0;
     out.notes = 0;
 }
 
-aminn_status_t fail(aminn_status_t status, aminn_output_t *out)
+AMINN_FUNCTION aminn_status_t fail(aminn_status_t status, aminn_output_t *out)
 {
     if (out != nullptr) {
         clear(*out);
@@ -79,8 +75,9 @@ bool initialised(const aminn_t &ctx)
     return ctx.tag == kTag;
 }
 
-// Of both predict functions: the context and the pointers. Leaves the context without valid stages.
-aminn_status_t check_arguments(aminn_t *ctx, const void *in, const aminn_output_t *out)
+// Of both predict functions: the context, the pointers, and the n numbers of the input, which begins as aminn_state_t
+// does. Leaves the context without valid stages.
+AMINN_FUNCTION aminn_status_t check(aminn_t *ctx, const void *in, size_t size, const aminn_output_t *out)
 {
     if (ctx == nullptr || in == nullptr || out == nullptr) {
         return AMINN_E_NULL;
@@ -89,7 +86,7 @@ aminn_status_t check_arguments(aminn_t *ctx, const void *in, const aminn_output_
         return AMINN_E_NOT_INITIALISED;
     }
     ctx->stages_done = 0;
-    return AMINN_OK;
+    return check_input(static_cast<const float *>(in), static_cast<int>(size / sizeof(float)));
 }
 
 } // namespace
@@ -120,28 +117,22 @@ aminn_status_t aminn_init_sized(aminn_t *ctx, size_t ctx_size, const aminn_model
 
 aminn_status_t aminn_predict(aminn_t *ctx, const aminn_input_t *in, aminn_output_t *out)
 {
-    aminn_status_t status = check_arguments(ctx, in, out);
-    if (status == AMINN_OK) {
-        status = check_input(in->q, sizeof *in / sizeof(float), in->x_ht, in->contacts);
-    }
+    const aminn_status_t status = check(ctx, in, sizeof *in, out);
     return status == AMINN_OK ? predict_checked(*ctx, *in, *out) : fail(status, out);
 }
 
 aminn_status_t aminn_predict_state(aminn_t *ctx, const aminn_state_t *state, aminn_output_t *out)
 {
-    aminn_status_t status = check_arguments(ctx, state, out);
+    aminn_status_t status = check(ctx, state, sizeof *state, out);
     if (status == AMINN_OK) {
-        status = check_input(state->q, sizeof *state / sizeof(float), state->x_ht, state->contacts);
+        aminn_input_t &in = ctx->input;
+        std::memcpy(&in, state, sizeof *state);
+        if (closure(*ctx->model, in.q, in.x_ht, in.contacts, in.j_x, in.j_q)) {
+            return predict_checked(*ctx, in, *out);
+        }
+        status = AMINN_E_NUMERIC;
     }
-    if (status != AMINN_OK) {
-        return fail(status, out);
-    }
-    aminn_input_t &in = ctx->input;
-    std::memcpy(&in, state, sizeof *state);
-    if (!closure(*ctx->model, in.q, in.x_ht, in.contacts, in.j_x, in.j_q)) {
-        return fail(AMINN_E_NUMERIC, out);
-    }
-    return predict_checked(*ctx, in, *out);
+    return fail(status, out);
 }
 
 const aminn_stage_debug_t *aminn_debug(const aminn_t *ctx, int stage)

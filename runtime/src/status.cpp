@@ -14,19 +14,6 @@ const char *aminn_status_name(int status)
     }
 }
 
-const char *aminn_status_text(int status)
-{
-    switch (status) {
-#define AMINN_CASE(name, value, text) \
-    case value:                       \
-        return text;
-        AMINN_STATUS_LIST(AMINN_CASE)
-#undef AMINN_CASE
-    default:
-        return "not a status code of this library";
-    }
-}
-
 const char *aminn_version(void)
 {
     return AMINN_VERSION_STRING;

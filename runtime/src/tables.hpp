@@ -21,13 +21,14 @@ enum Extent : uint8_t {
 };
 
 struct TableInfo {
-    uint16_t offset; // of the pointer, in aminn_model_t
+    uint8_t place; // of the pointer in aminn_model_t, in pointers
     uint8_t rows;
     uint8_t columns;
     bool weights; // of the model's weight_type, else float
 };
 
-#define AMINN_TABLE(field, rows, columns, weights) {offsetof(aminn_model_t, field), rows, columns, weights}
+#define AMINN_TABLE(field, rows, columns, weights) \
+    {offsetof(aminn_model_t, field) / sizeof(void *), rows, columns, weights}
 #define AMINN_STAGE_TABLES(i)                                                                                        \
     AMINN_TABLE(stage[i].contact_mean, AMINN_N_CONTACT_INPUT, 1, false),                                             \
         AMINN_TABLE(stage[i].contact_inv_std, AMINN_N_CONTACT_INPUT, 1, false),                                      \
@@ -100,13 +101,13 @@ inline size_t table_room(const aminn_model_t &m, const TableInfo &table)
 inline const void *table_pointer(const aminn_model_t &m, const TableInfo &table)
 {
     const void *pointer = nullptr;
-    std::memcpy(&pointer, reinterpret_cast<const char *>(&m) + table.offset, sizeof pointer);
+    std::memcpy(&pointer, reinterpret_cast<const char *>(&m) + table.place * sizeof(void *), sizeof pointer);
     return pointer;
 }
 
 inline void set_table_pointer(aminn_model_t &m, const TableInfo &table, const void *pointer)
 {
-    std::memcpy(reinterpret_cast<char *>(&m) + table.offset, &pointer, sizeof pointer);
+    std::memcpy(reinterpret_cast<char *>(&m) + table.place * sizeof(void *), &pointer, sizeof pointer);
 }
 
 } // namespace aminn

@@ -65,6 +65,13 @@ def library_text(archive: Path, image: Path) -> dict[str, int]:
     }
 
 
+def strings(linker_map: Path) -> int:
+    """Bytes of the library's string literals in the image: the names of the status codes, which have no symbol."""
+    layout = linker_map.read_text().partition("Linker script and memory map")[2]
+    sections = re.findall(r"^ \.rodata\S*\.str\S*\s+0x\w+\s+0x(\w+)\s+\S*libaminn_rt\.a\(", layout, re.MULTILINE)
+    return sum(int(size, 16) for size in sections)
+
+
 def model_bytes(image: Path, prefix: str) -> int:
     """Bytes of the model's tables in the image: constants whose names are the prefix or start with it."""
     return sum(
@@ -132,6 +139,7 @@ def measure(build: Path, report: Path, model_source: Path) -> dict[str, float]:
     run = json.loads(report.read_text())
     macs = multiply_accumulates(model_source, model_source.stem)
     figures: dict[str, float] = dict(library_text(archive, image))
+    figures["library_strings_bytes"] = strings(build / "aminn_firmware.map")
     figures["model_flash_bytes"] = model_bytes(image, model_source.stem)
     figures |= {name: run[name] for name in RUN_FIGURES}
     figures["stack_worst_bytes"] = CallGraph(build / "aminn_rt").depth(ENTRY)

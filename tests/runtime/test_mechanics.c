@@ -1,4 +1,4 @@
-/* mechanics.cpp and springs.cpp, seen through the debug view: what statics demands of every prediction */
+/* mechanics.hpp and springs.hpp, seen through the debug view: what statics demands of every prediction */
 #include "aminn_model.h"
 #include "support.h"
 

@@ -1,6 +1,6 @@
 """Why the runtime works on square roots: float32 error of both ways to solve the statics, against float64.
 
-A twin of runtime/src/mechanics.cpp in NumPy, one pass: `square_root` follows the C code, `formed` forms M and K_x and
+A twin of runtime/src/mechanics.hpp in NumPy, one pass: `square_root` follows the C code, `formed` forms M and K_x and
 factorises them (LDL^T, the most accurate of the forming variants). The figures stand in docs/runtime.md.
 """
 
@@ -15,16 +15,21 @@ LENGTH_M, EPS_KX = 0.1, 1e-3
 S = np.array([1, 1, 1, 1 / LENGTH_M, 1 / LENGTH_M, 1 / LENGTH_M])
 
 
-def gram_schmidt(v: NDArray) -> NDArray:
-    """Upper triangular R (..., n, n) with R^T R = v^T v, v (..., m, n)."""
-    v, n = v.copy(), v.shape[-1]
-    r = np.zeros((*v.shape[:-2], n, n), v.dtype)
+def factorise(rows: NDArray, weight: NDArray, below: NDArray) -> tuple[NDArray, NDArray]:
+    """D (..., n) and U^-1 (..., n, n) of rows^T diag(weight) rows + diag(below) = U^T D U, U with ones on its diagonal.
+
+    Modified Gram-Schmidt on the rows (..., m, n) and an identity below them.
+    """
+    n = rows.shape[-1]
+    v = np.concatenate([rows, np.broadcast_to(np.eye(n, dtype=rows.dtype), (*rows.shape[:-2], n, n))], -2)
+    w = np.concatenate([weight, np.broadcast_to(below.astype(rows.dtype), (*weight.shape[:-1], n))], -1)
+    d = np.zeros((*rows.shape[:-2], n), rows.dtype)
     for j in range(n):
-        r[..., j, j] = np.sqrt((v[..., j] ** 2).sum(-1))
-        q = v[..., j] / r[..., j, j][..., None]
-        r[..., j, j + 1 :] = (q[..., None] * v[..., j + 1 :]).sum(-2)
-        v[..., j + 1 :] -= q[..., None] * r[..., j, None, j + 1 :]
-    return r
+        products = ((w * v[..., j])[..., None] * v).sum(-2)
+        d[..., j] = products[..., j]
+        u = products / d[..., j, None]
+        v[..., j + 1 :] -= v[..., j, None] * u[..., None, j + 1 :]
+    return d, v[..., -n:, :]
 
 
 def forward(r: NDArray, x: NDArray) -> NDArray:
@@ -58,13 +63,13 @@ def ldl_root(k: NDArray) -> NDArray:
 
 def square_root(a_s: NDArray, b: NDArray, root_k: NDArray, w_s: NDArray, c: NDArray, eps_m: float) -> NDArray:
     """x_s (n, 6) by square roots, in the type of the inputs."""
-    dtype, n = a_s.dtype, len(a_s)
-    g = forward(root_k, np.swapaxes(b, -1, -2))
-    eye = np.broadcast_to(np.eye(3, dtype=dtype) * dtype.type(np.sqrt(eps_m)), g.shape)
-    y = forward(gram_schmidt(np.concatenate([g, eye], -2)), a_s) * np.sqrt(c)[..., None, None]
-    tail = np.broadcast_to(np.diag(S).astype(dtype) * dtype.type(np.sqrt(EPS_KX)), (n, 6, 6))
-    r = gram_schmidt(np.concatenate([y.reshape(n, 9, 6), tail], -2))
-    return backward(r, forward(r, w_s[..., None]))[..., 0]
+    diagonal = np.diagonal(root_k, axis1=-2, axis2=-1)
+    g = forward(root_k / diagonal[..., None], np.swapaxes(b, -1, -2))
+    d, inverse = factorise(g, 1 / diagonal**2, np.full(3, eps_m))
+    v = np.swapaxes(inverse, -1, -2) @ a_s
+    d, inverse = factorise(v.reshape(-1, 9, 6), (c[..., None] / d).reshape(-1, 9), EPS_KX * S * S)
+    y = (inverse * w_s[..., None]).sum(-2)
+    return (inverse * (y / d)[:, None]).sum(-1)
 
 
 def formed(a_s: NDArray, b: NDArray, root_k: NDArray, w_s: NDArray, c: NDArray, eps_m: float) -> NDArray:

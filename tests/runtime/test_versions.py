@@ -71,7 +71,7 @@ def test_zephyr_module_is_complete(tmp_path: Path) -> None:
     script = f"{functions}\n{settings}\ninclude({TREE}/zephyr/CMakeLists.txt)\n"
     (tmp_path / "run.cmake").write_text(script)
     done = subprocess.run(["cmake", "-P", str(tmp_path / "run.cmake")], capture_output=True, text=True, check=True)
-    assert "mechanics.cpp" in done.stderr
+    assert "cascade.cpp" in done.stderr
     assert "AMINN_MAX_WIDTH=64" in done.stderr
     assert all(option in done.stderr for option in NUMERIC_OPTIONS)
     symbols = re.findall(r"CONFIG_(AMINN\w+)", (TREE / "zephyr/CMakeLists.txt").read_text())

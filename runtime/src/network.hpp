@@ -1,11 +1,12 @@
 // The networks: their inputs, the backbone of a stage, stage 1's classifier.
+#ifndef AMINN_SRC_NETWORK_HPP
+#define AMINN_SRC_NETWORK_HPP
+
 #include "dense.hpp"
-#include "parts.hpp"
+#include "mechanics.hpp"
 
 namespace aminn {
 inline namespace AMINN_CORE {
-namespace {
-
 constexpr int kBranchFeature = AMINN_N_BRANCH_FEATURE;
 
 // of a signed logarithm: sign(v) log(1 + |v| / scale)
@@ -15,43 +16,34 @@ AMINN_INLINE float logged(float v, float scale)
 }
 
 // out = (v - mean) * inv_std
-void normalise(const float *v, const float *mean, const float *inv_std, int n, float *out)
+static void normalise(const float *v, const float *mean, const float *inv_std, int n, float *out)
 {
     for (int i = 0; i < n; ++i) {
         out[i] = (v[i] - mean[i]) * inv_std[i];
     }
 }
 
-} // namespace
-
 // contact_input: per branch [c, c * contact features, c * j_q]; global_input: [q, x_ht, w_e, slog(w_e)]
-void make_network_input(const aminn_model_t &model, const aminn_input_t &in, aminn_t &ctx)
+static void make_network_input(const aminn_model_t &model, const aminn_input_t &in, aminn_t &ctx)
 {
     for (int b = 0; b < kBranch; ++b) {
         float *u = ctx.contact_input + b * kBranchFeature;
-        const float c = in.contacts[b][0];
-        u[0] = c;
-        for (int i = 1; i < AMINN_N_CONTACT_FEATURE; ++i) {
-            u[i] = c * in.contacts[b][i];
-        }
-        for (int i = 0; i < 3 * AMINN_N_COORD; ++i) {
-            u[AMINN_N_CONTACT_FEATURE + i] = c * in.j_q[b][i / AMINN_N_COORD][i % AMINN_N_COORD];
+        std::memcpy(u, in.contacts[b], sizeof in.contacts[b]);
+        std::memcpy(u + AMINN_N_CONTACT_FEATURE, in.j_q[b], sizeof in.j_q[b]);
+        for (int i = 1; i < kBranchFeature; ++i) {
+            u[i] = u[0] * u[i];
         }
     }
-    float *g = ctx.global_input;
-    std::memcpy(g, in.q, sizeof in.q);
-    g += AMINN_N_JOINT;
-    std::memcpy(g, in.x_ht, sizeof in.x_ht);
-    g += AMINN_N_WRENCH;
-    std::memcpy(g, in.w_e, sizeof in.w_e);
-    g += AMINN_N_WRENCH;
+    constexpr int kState = AMINN_N_JOINT + 2 * AMINN_N_WRENCH; // q, x_ht and w_e, one after the other
+    std::memcpy(ctx.global_input, in.q, kState * sizeof(float));
+    float *g = ctx.global_input + kState;
     for (int i = 0; i < AMINN_N_WRENCH; ++i) {
         g[i] = std::copysign(logarithm(logged(in.w_e[i], model.wrench_log_scale[i])), in.w_e[i]);
     }
 }
 
 // ctx.feature = f, ctx.head = mechanics head of f
-void run_backbone(const aminn_model_t &model, const aminn_stage_model_t &stage, aminn_t &ctx)
+static void run_backbone(const aminn_model_t &model, const aminn_stage_model_t &stage, aminn_t &ctx)
 {
     const int hc = static_cast<int>(model.contact_width);
     const int h = static_cast<int>(model.width);
@@ -67,7 +59,7 @@ void run_backbone(const aminn_model_t &model, const aminn_stage_model_t &stage, 
 }
 
 // p_stable from ctx.feature, which what the statics of stage 1 gave is appended to
-float classify(const aminn_model_t &model, const StaticsSummary &summary, const float *gate, aminn_t &ctx)
+static float classify(const aminn_model_t &model, const StaticsSummary &summary, const float *gate, aminn_t &ctx)
 {
     const int h = static_cast<int>(model.width);
     const int hd = static_cast<int>(model.classifier_width);
@@ -92,3 +84,5 @@ float classify(const aminn_model_t &model, const StaticsSummary &summary, const 
 
 } // namespace AMINN_CORE
 } // namespace aminn
+
+#endif

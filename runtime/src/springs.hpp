@@ -1,10 +1,11 @@
 // The mechanics head: 39 raw numbers become corrections to the nominal springs, tendons and gates.
-#include "parts.hpp"
+#ifndef AMINN_SRC_SPRINGS_HPP
+#define AMINN_SRC_SPRINGS_HPP
+
+#include "lanes.hpp"
 
 namespace aminn {
 inline namespace AMINN_CORE {
-namespace {
-
 // The head's outputs, in this order, each for the three branches. What tanh bounds stands first, what exp of that makes
 // a factor before the rest of it: so both run over whole arrays.
 enum Head {
@@ -25,12 +26,8 @@ static_assert(kEnd * kBranch == AMINN_N_HEAD, "head layout");
 constexpr int kComputed = AMINN_LANES ? (kFactors * kBranch + 7) / 8 * 8 : kFactors * kBranch;
 static_assert(kComputed <= kBounded * kBranch, "they are all bounded");
 
-constexpr int kRow[3] = {1, 2, 2}; // of the entries below the diagonal
-constexpr int kCol[3] = {0, 0, 1};
-
-} // namespace
-
-void springs_from_head(const aminn_model_t &model, float *head, Springs &out)
+// The first fields of out, but L of the springs, K = L L^T, in the place of K. head is overwritten.
+static void springs_from_head(const aminn_model_t &model, float *head, aminn_stage_debug_t &out)
 {
     for (int i = 0; i < kBounded * kBranch; ++i) {
         head[i] = hyperbolic_tangent(head[i]);
@@ -52,47 +49,44 @@ void springs_from_head(const aminn_model_t &model, float *head, Springs &out)
         for (int i = 0; i < 3; ++i) {
             mask[i] = gather(model.coord_mask + 3 * b + i, 3);
         }
-        for (int i = 0; i < 3; ++i) {
-            scatter(mask[i] != 0.0F ? nominal[i] * scaling(kDiag + i) : nominal[i], out.chol[i] + b, 1);
-        }
-        for (int e = 0; e < 3; ++e) {
-            const int i = kRow[e];
-            const int j = kCol[e];
-            const Branches size = root(nominal[i] * nominal[j]);
-            scatter((nominal[3 + e] + size * raw(kOff + e)) * (mask[i] * mask[j]), out.chol[3 + e] + b, 1);
-        }
+        float *l = out.k_spring[b][0];
         Branches v[3];
         for (int i = 0; i < 3; ++i) {
+            scatter(mask[i] != 0.0F ? nominal[i] * scaling(kDiag + i) : nominal[i], l + 4 * i, 9);
+            const int row = i == 0 ? 1 : 2; // of the i-th entry below the diagonal
+            const int column = i / 2;
+            const Branches size = root(nominal[row] * nominal[column]);
+            scatter((nominal[3 + i] + size * raw(kOff + i)) * (mask[row] * mask[column]), l + 3 * row + column, 9);
+            scatter(broadcast(0.0F), l + 3 * column + row, 9);
             v[i] = (gather(model.tendon_dir_nom + 3 * b + i, 3) + raw(kDir + i)) * mask[i];
         }
-        const Branches inv_norm = broadcast(1.0F) / root(dot(v, v) + broadcast(1e-12F));
+        const Branches inv_norm = 1.0F / root(dot(v, v) + 1e-12F);
         for (int i = 0; i < 3; ++i) {
-            scatter(v[i] * inv_norm, out.tendon_dir[i] + b, 1);
+            scatter(v[i] * inv_norm, &out.tendon_dir[b][i], 3);
         }
-        scatter(gather(model.tendon_gain_nom + b, 1) * scaling(kGain), out.tendon_gain + b, 1);
         const float *gate = model.gate_nom;
-        scatter(gate[0] * scaling(kAlpha), out.gate_params[0] + b, 1);
-        scatter(gate[1] * raw(kBeta), out.gate_params[1] + b, 1);
-        scatter(gate[2] + raw(kRho), out.gate_params[2] + b, 1);
+        scatter(gather(model.tendon_gain_nom + b, 1) * scaling(kGain), out.tendon_gain + b, 1);
+        scatter(gate[0] * scaling(kAlpha), &out.gate_params[b][0], 3);
+        scatter(gate[1] * raw(kBeta), &out.gate_params[b][1], 3);
+        scatter(gate[2] + raw(kRho), &out.gate_params[b][2], 3);
     }
 }
 
-void store_springs(const Springs &springs, aminn_stage_debug_t &out)
+// K in the place of L
+static void square_springs(aminn_stage_debug_t &out)
 {
-    for (int b = 0; b < kBranch; ++b) {
-        const float l[3][3] = {{springs.chol[0][b], 0.0F, 0.0F},
-                               {springs.chol[3][b], springs.chol[1][b], 0.0F},
-                               {springs.chol[4][b], springs.chol[5][b], springs.chol[2][b]}};
+    for (auto &k : out.k_spring) {
+        float l[3][3];
+        std::memcpy(l, k, sizeof l);
         for (int i = 0; i < 3; ++i) {
             for (int j = 0; j < 3; ++j) {
-                out.k_spring[b][i][j] = (l[i][0] * l[j][0] + l[i][1] * l[j][1]) + l[i][2] * l[j][2];
+                k[i][j] = dot3(l[i], l[j]);
             }
-            out.tendon_dir[b][i] = springs.tendon_dir[i][b];
-            out.gate_params[b][i] = springs.gate_params[i][b];
         }
-        out.tendon_gain[b] = springs.tendon_gain[b];
     }
 }
 
 } // namespace AMINN_CORE
 } // namespace aminn
+
+#endif

@@ -1,0 +1,336 @@
+// The two-pass statics layer.
+//
+//   K_x = sum_b c_b A_b^T M_b^-1 A_b + eps_kx I,   M_b = B_b K_b^-1 B_b^T + eps_m I
+//
+// in square-root form: no stiffness is formed before it is solved with, which would lose half of float32's digits (its
+// stiffest direction is 1/eps_m, its softest the springs'). One factorisation does it, three times: stacked rows R with
+// weights W become Q U, with Q^T W Q = D diagonal and ones on the diagonal of U, by modified Gram-Schmidt without square
+// roots. Below the rows stands an identity with weights of its own, which becomes U^-1. K_b = L Delta L^T, L with ones on
+// its diagonal, are the joint springs, d the tendon's direction:
+//
+//              rows                  their weights   below       gives
+//   contact    L^-1 [ B^T | d ]      Delta^-1        eps_m       M = U^T D U; t, the column of U for d; rho^2, what is left of d
+//   tool       V_b = U_b^-T A_b      c_b / D_b       eps_kx      K_x = U^T D U; y = U^-T w
+//   tendons    [ H | y ]             D^-1            1 / gamma   what the tendons leave of y
+//
+// The dimensions of a contact are taken from z, out of the palm, to x: on states of the training data the median error of
+// the displacement is 10 % smaller than from x to z. Rows that are weighted, not scaled, keep the digits of B and A. The displacement is x = U^-1 D^-1 y, the strain of the
+// stacked springs V x = Q D^-1 y, from which the deflection of the joints follows without cancellation.
+//
+// Pass 2 adds a tendon s d d^T to the springs of each branch. It makes K_x stiffer by one direction,
+//
+//   K_x + sum_b gamma_b m_b m_b^T,   gamma = s / (1 + s rho^2),   m = sqrt(c) V_b^T t
+//
+// The load that stretches the tendon is felt through m as well: <dq, d> = sqrt(c) m.x. Nothing of the tool is factorised
+// again: with H = U^-T m = sqrt(c) Q_b^T t, K_x = U^T (D + H gamma H^T) U.
+//
+// All on lengths divided by length_scale (S = diag(1, 1, 1, 1/L, 1/L, 1/L)).
+#ifndef AMINN_SRC_MECHANICS_HPP
+#define AMINN_SRC_MECHANICS_HPP
+
+#include "springs.hpp"
+
+namespace aminn {
+inline namespace AMINN_CORE {
+
+// What the statics need of an input, the same for both stages. "Scaled": lengths divided by length_scale.
+struct Scene {
+    Row a_s[3 * kBranch]; // rows of j_x S, of each branch from z to x
+    float w_s[kMotion];   // S w_e
+    float scale[kMotion]; // S
+    float inv_scale[kMotion];
+};
+
+// What stage 1's classifier sees of pass 2, and how far apart the stiffnesses lie.
+struct StaticsSummary {
+    float x_s[kMotion]; // scaled displacement, m
+    Row diag_k_s;       // diagonal of the scaled stiffness, N/m
+    float condition;    // trace(K) trace(K^-1), scaled
+};
+
+enum Wanted : unsigned { kStiffness = 1, kDeflection = 2 }; // of k_x and dq0, which nothing else depends on
+
+constexpr int kStacked = 3 * kBranch;
+constexpr float kSlack = 1e-30F; // stiffness of a tendon that does not engage at all, which nothing can show
+
+// Joints and contact compliance of the branches of a group, in series, seen from the contact.
+struct Contact {
+    ContactRow rows[3 + 3]; // a row for each coordinate: Q, and in column 3 what is left of d; U^-1 below
+    Branches row_weight[3 + 3];
+    Branches lower[3];     // of L: -l10, -l20, -l21
+    Branches t[3];         // sqrt(c) t
+    Branches rest_square;  // rho^2
+    Branches root_contact; // sqrt(c)
+};
+
+// The grasp with springs alone, and its tendons.
+struct Grasp {
+    Contact contact[kGroups];
+    Row rows[kStacked + kMotion];     // V, then Q; U^-1 below
+    float weight[kStacked + kMotion]; // of the rows
+    Row stiffness[kMotion + kBranch]; // U; m of the tendons
+    float d[kMotion + kBranch];       // D; gamma
+    float inv_d[kMotion + kBranch];   // D^-1; 1 / gamma
+};
+
+// The first columns of rows with an identity as wide below, which this writes: rows becomes Q, and D and U come out.
+template <class AnyRow, class Number>
+AMINN_FUNCTION void orthogonalise(AnyRow *rows, int above, int columns, const Number *weight, AnyRow *u, Number *d,
+                                  Number *inv_d)
+{
+    AMINN_UNROLL_ROWS
+    for (int j = 0; j < columns; ++j) {
+        const int n = above + j + 1; // further down, column j is zero
+        clear(rows[above + j]);
+        set_component(rows[above + j], j, 1.0F);
+        inner_products(u[j], rows, n, weight, j);
+        d[j] = u[j][j];
+        inv_d[j] = scale_by_component(u[j], j);
+        clear_up_to(u[j], j);
+        eliminate(rows, n, j, u[j]);
+        set_component(u[j], j, 1.0F);
+    }
+}
+
+// T^-1 of three rows, T lower triangular with ones on its diagonal; its other entries (10, 20, 21) with the other sign
+template <class AnyRow, class Number>
+AMINN_FUNCTION void substitute(AnyRow *rows, const Number *minus_t)
+{
+    add_scaled(rows[1], minus_t[0], rows[0]);
+    add_scaled(rows[2], minus_t[1], rows[0]);
+    add_scaled(rows[2], minus_t[2], rows[1]);
+}
+
+// v: the branches' rows of A, which become those of V, with these weights
+AMINN_FUNCTION void factor_contact(const aminn_stage_debug_t &springs, const aminn_input_t &in, int b, float eps_m,
+                                   Contact &contact, Row *v, float *weight)
+{
+    ContactRow *rows = contact.rows;
+    Branches inv_diag[3];
+    for (int c = 0; c < 3; ++c) {
+        const Branches values[kMotion] = {-gather(&in.j_q[b][2][c], 9), -gather(&in.j_q[b][1][c], 9),
+                                          -gather(&in.j_q[b][0][c], 9), gather(&springs.tendon_dir[b][c], 3)};
+        load_row(rows[c], values);
+        inv_diag[c] = 1.0F / gather(&springs.k_spring[b][c][c], 9);
+        contact.row_weight[c] = inv_diag[c] * inv_diag[c];
+        contact.row_weight[3 + c] = broadcast(eps_m);
+    }
+    const auto lower = [&](int i, int j) { return -(gather(&springs.k_spring[b][i][j], 9) * inv_diag[j]); };
+    contact.lower[0] = lower(1, 0);
+    contact.lower[1] = lower(2, 0);
+    contact.lower[2] = lower(2, 1);
+    substitute(rows, contact.lower);
+    ContactRow u[3];
+    Branches d[3];
+    Branches inv_d[3];
+    orthogonalise(rows, 3, 3, contact.row_weight, u, d, inv_d);
+    ContactRow rest;
+    inner_products(rest, rows, 6, contact.row_weight, 3);
+    contact.rest_square = rest[3];
+    const Branches c = gather(in.contacts[b], AMINN_N_CONTACT_FEATURE);
+    contact.root_contact = root(c);
+    float minus_u[kBranch][3];
+    scatter(-u[0][1], &minus_u[0][0], 3);
+    scatter(-u[0][2], &minus_u[0][1], 3);
+    scatter(-u[1][2], &minus_u[0][2], 3);
+    for (int i = 0; i < 3; ++i) {
+        contact.t[i] = contact.root_contact * u[i][3];
+        scatter(c * inv_d[i], weight + i, 3);
+    }
+    for (int k = 0; k < kSideBySide; ++k) {
+        substitute(v + 3 * k, minus_u[k]);
+    }
+}
+
+// to[k] = the 3 rows of branch k of a group, summed with its coefficients
+AMINN_FUNCTION void combine_branches(Row to[], const Row rows[], const Branches coefficient[3])
+{
+    float c[3][kBranch];
+    for (int i = 0; i < 3; ++i) {
+        scatter(coefficient[i], c[i], 1);
+    }
+    for (int k = 0; k < kSideBySide; ++k) {
+        const float own[3] = {c[0][k], c[1][k], c[2][k]};
+        combine(to[k], rows + 3 * k, 3, own);
+    }
+}
+
+static void factor_grasp(const aminn_stage_debug_t &springs, const aminn_input_t &in, const Scene &scene,
+                         const aminn_stage_model_t &stage, Grasp &grasp)
+{
+    std::memcpy(grasp.rows, scene.a_s, sizeof scene.a_s);
+    for (int g = 0; g < kGroups; ++g) {
+        const int b = g * kSideBySide;
+        Row *v = grasp.rows + 3 * b;
+        factor_contact(springs, in, b, stage.eps_m, grasp.contact[g], v, grasp.weight + 3 * b);
+        combine_branches(grasp.stiffness + kMotion + b, v, grasp.contact[g].t);
+    }
+    for (int i = 0; i < kMotion; ++i) {
+        grasp.weight[kStacked + i] = (stage.eps_kx * scene.scale[i]) * scene.scale[i];
+    }
+    orthogonalise(grasp.rows, kStacked, kMotion, grasp.weight, grasp.stiffness, grasp.d, grasp.inv_d);
+}
+
+// U^-1 z, scaled and in SI
+AMINN_FUNCTION void displacement(const Grasp &grasp, const Row &z, const float to_si[kMotion], float x_s[kMotion],
+                                 float dx[kMotion])
+{
+    dots(grasp.rows + kStacked, kMotion, z, x_s);
+    for (int i = 0; i < kMotion; ++i) {
+        dx[i] = to_si[i] * x_s[i];
+    }
+}
+
+// dq0 of the branches of a group, from their rows of Q
+[[gnu::noinline]] static void deflection(const Contact &contact, const Row q[], const float *weight, const Row &z,
+                                         float *dq)
+{
+    Branches share[3];
+    Branches result[3];
+    for (int i = 0; i < 3; ++i) {
+        float strain[kSideBySide];
+        for (int k = 0; k < kSideBySide; ++k) {
+            strain[k] = dot(q[3 * k + i], z);
+        }
+        share[i] = gather(weight + i, 3) * gather(strain, 1);
+    }
+    for (int c = 0; c < 3; ++c) {
+        result[c] = contact.row_weight[c] * dot(contact.rows[c].v, share);
+    }
+    result[1] = result[1] + contact.lower[2] * result[2];
+    result[0] = (result[0] + contact.lower[0] * result[1]) + contact.lower[1] * result[2];
+    for (int c = 0; c < 3; ++c) {
+        scatter(result[c], dq + c, 3);
+    }
+}
+
+// dq0 of a branch as the paper writes it, from the regularised inverse of j_q, and how far it stretches the tendon
+[[gnu::noinline]] static float stretch_by_inverse(const aminn_model_t &model, const aminn_input_t &in, const Row a[3],
+                                                  const float *x_s, float eps_jq, int b, aminn_stage_debug_t &out)
+{
+    Row rows[3 + 3]; // j_q and the motion of the contact; minus the solution falls out below the latter
+    Row u[3];
+    Row x;
+    float unused[2][3];
+    load_row(x, x_s);
+    for (int i = 0; i < 3; ++i) {
+        const int k = 2 - i; // dimension
+        const float *j = in.j_q[b][k];
+        const float values[kMotion] = {j[0], j[1], j[2], dot(a[i], x), 0.0F, 0.0F};
+        load_row(rows[i], values);
+        set_component(rows[i], k, j[k] + eps_jq);
+    }
+    orthogonalise(rows, 3, 3, kOnesAndZeros + 3, u, unused[0], unused[1]);
+    float *dq = out.dq0[b];
+    for (int c = 0; c < 3; ++c) {
+        dq[c] = (model.coord_mask[3 * b + c] * in.contacts[b][0]) * rows[3 + c][3];
+    }
+    return dot3(dq, out.tendon_dir[b]);
+}
+
+// K_x in SI, symmetric to the last bit
+static void store_stiffness(const Grasp &grasp, const float inv_scale[kMotion], float k_x[kMotion][kMotion])
+{
+    for (int i = 0; i < kMotion; ++i) {
+        Row row;
+        inner_products(row, grasp.stiffness, kMotion + kBranch, grasp.d, i);
+        for (int k = i; k < kMotion; ++k) {
+            k_x[i][k] = k_x[k][i] = (row[k] * inv_scale[i]) * inv_scale[k];
+        }
+    }
+}
+
+static void make_scene(const aminn_model_t &model, const aminn_input_t &in, Scene &scene)
+{
+    const float inv_length = 1.0F / model.length_scale;
+    for (int i = 0; i < 3; ++i) {
+        scene.scale[i] = 1.0F;
+        scene.inv_scale[i] = 1.0F;
+        scene.w_s[i] = in.w_e[i];
+        scene.scale[3 + i] = inv_length;
+        scene.inv_scale[3 + i] = model.length_scale;
+        scene.w_s[3 + i] = in.w_e[3 + i] * inv_length;
+    }
+    Row to_scaled;
+    load_row(to_scaled, scene.scale);
+    for (int b = 0; b < kBranch; ++b) {
+        for (int i = 0; i < 3; ++i) {
+            Row &row = scene.a_s[3 * b + 2 - i];
+            load_row(row, in.j_x[b][i]);
+            multiply(row, to_scaled);
+        }
+    }
+}
+
+// Both passes, from the springs in out (as springs_from_head leaves them), into the rest of it.
+static void two_pass(const aminn_model_t &model, const aminn_stage_model_t &stage, const Scene &scene,
+                     const aminn_input_t &in, unsigned wanted, aminn_stage_debug_t &out, StaticsSummary &summary)
+{
+    // pass 1: springs alone
+    Grasp grasp;
+    factor_grasp(out, in, scene, stage, grasp);
+    const Row *inverse = grasp.rows + kStacked;
+    Row inv_d;
+    load_row(inv_d, grasp.inv_d);
+    Row y;
+    combine(y, inverse, kMotion, scene.w_s);
+    Row z = y;
+    multiply(z, inv_d);
+
+    // how far each tendon would be stretched decides how much it engages
+    const bool by_inverse = model.dq0 == AMINN_DQ0_INVERSE;
+    const bool deflections = by_inverse || (wanted & kDeflection) != 0;
+    if (deflections) {
+        displacement(grasp, z, scene.scale, summary.x_s, out.dx0);
+    }
+    Row h[kBranch];
+    for (int g = 0; g < kGroups; ++g) {
+        const int b = g * kSideBySide;
+        const Contact &contact = grasp.contact[g];
+        float stretch[kSideBySide];
+        combine_branches(h + b, grasp.rows + 3 * b, contact.t);
+        dots(h + b, kSideBySide, z, stretch);
+        Branches eta = contact.root_contact * gather(stretch, 1);
+        if (by_inverse) {
+            for (int k = 0; k < kSideBySide; ++k) {
+                const Row *a = scene.a_s + 3 * (b + k);
+                stretch[k] = stretch_by_inverse(model, in, a, summary.x_s, stage.eps_jq, b + k, out);
+            }
+            eta = gather(stretch, 1);
+        } else if (deflections) {
+            deflection(contact, grasp.rows + 3 * b, grasp.weight + 3 * b, z, out.dq0[b]);
+        }
+        const auto parameter = [&](int i) { return gather(&out.gate_params[b][i], 3); };
+        const Branches gate = sigmoid(parameter(0) * (eta - parameter(1)) + parameter(2));
+        scatter(gate, out.gate + b, 1);
+        const Branches s = gather(&out.tendon_gain[b], 1) * gate;
+        const Branches gamma = s / (1.0F + s * contact.rest_square) + kSlack;
+        scatter(gamma, grasp.d + kMotion + b, 1);
+        scatter(1.0F / gamma, grasp.inv_d + kMotion + b, 1);
+    }
+
+    // pass 2: the tendons' share of the load
+    Row *rows = grasp.rows; // Q has done its work
+    float unused[2][kBranch];
+    transpose(h[0], h[1], h[2], y, rows);
+    orthogonalise(rows, kMotion, kBranch, grasp.inv_d, h, unused[0], unused[1]);
+    const float left[kMotion] = {rows[0][3], rows[1][3], rows[2][3], rows[3][3], rows[4][3], rows[5][3]};
+    load_row(z, left);
+    multiply(z, inv_d);
+    displacement(grasp, z, scene.scale, summary.x_s, out.dx);
+
+    if ((wanted & kStiffness) != 0) {
+        store_stiffness(grasp, scene.inv_scale, out.k_x);
+    }
+    Row ones;
+    Row inverse_square;
+    load_row(ones, kOnesAndZeros);
+    sum_of_squares(summary.diag_k_s, grasp.stiffness, kMotion + kBranch, grasp.d);
+    sum_of_squares(inverse_square, inverse, kMotion, kOnesAndZeros);
+    summary.condition = dot(summary.diag_k_s, ones) * dot(inverse_square, inv_d);
+}
+
+} // namespace AMINN_CORE
+} // namespace aminn
+
+#endif
