@@ -13,8 +13,7 @@
 //   tool       V_b = U_b^-T A_b      c_b / D_b       eps_kx      K_x = U^T D U; y = U^-T w
 //   tendons    [ H | y ]             D^-1            1 / gamma   what the tendons leave of y
 //
-// The dimensions of a contact are taken from z, out of the palm, to x: on states of the training data the median error of
-// the displacement is 10 % smaller than from x to z. Rows that are weighted, not scaled, keep the digits of B and A. The displacement is x = U^-1 D^-1 y, the strain of the
+// Rows that are weighted, not scaled, keep the digits of B and A. The displacement is x = U^-1 D^-1 y, the strain of the
 // stacked springs V x = Q D^-1 y, from which the deflection of the joints follows without cancellation.
 //
 // Pass 2 adds a tendon s d d^T to the springs of each branch. It makes K_x stiffer by one direction,
@@ -35,7 +34,7 @@ inline namespace AMINN_CORE {
 
 // What the statics need of an input, the same for both stages. "Scaled": lengths divided by length_scale.
 struct Scene {
-    Row a_s[3 * kBranch]; // rows of j_x S, of each branch from z to x
+    Row a_s[3 * kBranch]; // rows of j_x S
     float w_s[kMotion];   // S w_e
     float scale[kMotion]; // S
     float inv_scale[kMotion];
@@ -108,8 +107,8 @@ AMINN_FUNCTION void factor_contact(const aminn_stage_debug_t &springs, const ami
     ContactRow *rows = contact.rows;
     Branches inv_diag[3];
     for (int c = 0; c < 3; ++c) {
-        const Branches values[kMotion] = {-gather(&in.j_q[b][2][c], 9), -gather(&in.j_q[b][1][c], 9),
-                                          -gather(&in.j_q[b][0][c], 9), gather(&springs.tendon_dir[b][c], 3)};
+        const Branches values[kMotion] = {-gather(&in.j_q[b][0][c], 9), -gather(&in.j_q[b][1][c], 9),
+                                          -gather(&in.j_q[b][2][c], 9), gather(&springs.tendon_dir[b][c], 3)};
         load_row(rows[c], values);
         inv_diag[c] = 1.0F / gather(&springs.k_spring[b][c][c], 9);
         contact.row_weight[c] = inv_diag[c] * inv_diag[c];
@@ -214,11 +213,10 @@ AMINN_FUNCTION void displacement(const Grasp &grasp, const Row &z, const float t
     float unused[2][3];
     load_row(x, x_s);
     for (int i = 0; i < 3; ++i) {
-        const int k = 2 - i; // dimension
-        const float *j = in.j_q[b][k];
+        const float *j = in.j_q[b][i];
         const float values[kMotion] = {j[0], j[1], j[2], dot(a[i], x), 0.0F, 0.0F};
         load_row(rows[i], values);
-        set_component(rows[i], k, j[k] + eps_jq);
+        set_component(rows[i], i, j[i] + eps_jq);
     }
     orthogonalise(rows, 3, 3, kOnesAndZeros + 3, u, unused[0], unused[1]);
     float *dq = out.dq0[b];
@@ -255,7 +253,7 @@ static void make_scene(const aminn_model_t &model, const aminn_input_t &in, Scen
     load_row(to_scaled, scene.scale);
     for (int b = 0; b < kBranch; ++b) {
         for (int i = 0; i < 3; ++i) {
-            Row &row = scene.a_s[3 * b + 2 - i];
+            Row &row = scene.a_s[3 * b + i];
             load_row(row, in.j_x[b][i]);
             multiply(row, to_scaled);
         }
