@@ -46,7 +46,7 @@ void joint_side(const aminn_model_t &model, int b, const float *q, const float *
             turn(turned[c], angle, turned[k]);
         }
     }
-    float arm[3];
+    float arm[3] = {};
     subtract(contact, model.geom_base + 3 * b, arm);
     for (int c = 0; c < AMINN_N_COORD; ++c) {
         if (c == AMINN_N_COORD - 1) {

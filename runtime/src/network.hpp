@@ -34,8 +34,8 @@ static void make_network_input(const aminn_model_t &model, const aminn_input_t &
             u[i] = u[0] * u[i];
         }
     }
-    constexpr int kState = AMINN_N_JOINT + 2 * AMINN_N_WRENCH; // q, x_ht and w_e, one after the other
-    std::memcpy(ctx.global_input, in.q, kState * sizeof(float));
+    constexpr int kState = AMINN_N_JOINT + 2 * AMINN_N_WRENCH;  // q, x_ht and w_e, one after the other
+    std::memcpy(ctx.global_input, &in, kState * sizeof(float)); // it begins with them
     float *g = ctx.global_input + kState;
     for (int i = 0; i < AMINN_N_WRENCH; ++i) {
         g[i] = std::copysign(logarithm(logged(in.w_e[i], model.wrench_log_scale[i])), in.w_e[i]);
