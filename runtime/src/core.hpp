@@ -6,6 +6,10 @@
 #ifndef AMINN_SRC_CORE_HPP
 #define AMINN_SRC_CORE_HPP
 
+#include <cstddef>
+
+#include "aminn_rt.h"
+
 #ifndef AMINN_CORE
 #define AMINN_CORE core
 #endif
@@ -30,6 +34,13 @@
 #else
 #define AMINN_CORTEX_M 0
 #endif
+
+namespace aminn {
+constexpr int kBranch = AMINN_N_BRANCH;
+constexpr int kMotion = AMINN_N_WRENCH;
+constexpr int kContacts = AMINN_N_JOINT + 2 * AMINN_N_WRENCH; // numbers before them in aminn_state_t: q, x_ht, w_e
+static_assert(offsetof(aminn_state_t, contacts) == kContacts * sizeof(float), "aminn_state_t has no gaps");
+} // namespace aminn
 
 #ifdef __FAST_MATH__
 #error "compile without -ffast-math: it removes the checks for NaN and the order of operations"

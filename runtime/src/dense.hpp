@@ -210,16 +210,14 @@ inline void dense(const void *w, uint32_t weight_type, const float *b, const flo
         return;
     }
 #endif
-    for (int at = 0; at < n_out; ++at) {
-#if !AMINN_LANES
-        if (n_out >= kBlock && !half) {
-            const int from = at + kBlock <= n_out ? at : n_out - kBlock;
-            dense_block(w32 + from, n_out, b + from, x, n_in, y + from);
-            at += kBlock - 1;
-            continue;
-        }
+    int at = 0;
+#if !AMINN_LANES // float16 is for half the flash there, and not for speed
+    for (; n_out >= kBlock && !half && at < n_out; at += kBlock) {
+        const int from = at + kBlock <= n_out ? at : n_out - kBlock;
+        dense_block(w32 + from, n_out, b + from, x, n_in, y + from);
+    }
 #endif
-        // one output alone: without vector registers, float16 is for half the flash and not for speed
+    for (; at < n_out; ++at) {
         float next = b[at]; // the sum of the even inputs, and after each step that of the others
         float other = -0.0F;
         for (int i = 0; i < n_in; ++i) {

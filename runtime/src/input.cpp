@@ -6,10 +6,9 @@ namespace aminn {
 namespace {
 
 constexpr float kNormalTolerance = 1e-3F;
+constexpr float kUnitSquare = 1.0F + kNormalTolerance * kNormalTolerance; // middle of (1 - tolerance)^2 and
+constexpr float kUnitRange = 2.0F * kNormalTolerance;                     // (1 + tolerance)^2, and half their distance
 constexpr float kMaxRotation = 3.14159265F * (1.0F + 1e-3F); // pi, and room for the rounding of whoever computed it
-
-constexpr int kContacts = AMINN_N_JOINT + 2 * AMINN_N_WRENCH; // where they begin in aminn_state_t
-static_assert(offsetof(aminn_state_t, contacts) == kContacts * sizeof(float), "aminn_state_t has no gaps");
 
 // any of these numbers of a state
 AMINN_FUNCTION bool outside(const aminn_model_t &model, const float *state, int from, int to)
@@ -56,7 +55,7 @@ aminn_status_t check_input(const float *numbers, int n)
             return AMINN_E_CONTACT_FLAG; // of any branch: before a normal
         }
         if (bits_of(flag) != 0 && status != AMINN_E_NORMAL) {
-            status = std::fabs(dot3(normal, normal) - 1.0F) <= 2.0F * kNormalTolerance ? AMINN_OK : AMINN_E_NORMAL;
+            status = std::fabs(dot3(normal, normal) - kUnitSquare) <= kUnitRange ? AMINN_OK : AMINN_E_NORMAL;
         }
     }
     const float *rotation = numbers + AMINN_N_JOINT + 3;

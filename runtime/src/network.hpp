@@ -7,6 +7,7 @@
 
 namespace aminn {
 inline namespace AMINN_CORE {
+
 constexpr int kBranchFeature = AMINN_N_BRANCH_FEATURE;
 
 // of a signed logarithm: sign(v) log(1 + |v| / scale)
@@ -34,9 +35,8 @@ static void make_network_input(const aminn_model_t &model, const aminn_input_t &
             u[i] = u[0] * u[i];
         }
     }
-    constexpr int kState = AMINN_N_JOINT + 2 * AMINN_N_WRENCH;  // q, x_ht and w_e, one after the other
-    std::memcpy(ctx.global_input, &in, kState * sizeof(float)); // it begins with them
-    float *g = ctx.global_input + kState;
+    std::memcpy(ctx.global_input, &in, kContacts * sizeof(float)); // q, x_ht and w_e, with which it begins
+    float *g = ctx.global_input + kContacts;
     for (int i = 0; i < AMINN_N_WRENCH; ++i) {
         g[i] = std::copysign(logarithm(logged(in.w_e[i], model.wrench_log_scale[i])), in.w_e[i]);
     }

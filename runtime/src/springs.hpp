@@ -6,6 +6,7 @@
 
 namespace aminn {
 inline namespace AMINN_CORE {
+
 // The head's outputs, in this order, each for the three branches. What tanh bounds stands first, what exp of that makes
 // a factor before the rest of it: so both run over whole arrays.
 enum Head {
@@ -26,7 +27,8 @@ static_assert(kEnd * kBranch == AMINN_N_HEAD, "head layout");
 constexpr int kComputed = AMINN_LANES ? (kFactors * kBranch + 7) / 8 * 8 : kFactors * kBranch;
 static_assert(kComputed <= kBounded * kBranch, "they are all bounded");
 
-// The first fields of out, but L of the springs, K = L L^T, in the place of K. head is overwritten.
+// The first fields of out, but in the place of the springs K = L L^T the entries of L up to its diagonal. head is
+// overwritten.
 static void springs_from_head(const aminn_model_t &model, float *head, aminn_stage_debug_t &out)
 {
     for (int i = 0; i < kBounded * kBranch; ++i) {
@@ -57,7 +59,6 @@ static void springs_from_head(const aminn_model_t &model, float *head, aminn_sta
             const int column = i / 2;
             const Branches size = root(nominal[row] * nominal[column]);
             scatter((nominal[3 + i] + size * raw(kOff + i)) * (mask[row] * mask[column]), l + 3 * row + column, 9);
-            scatter(broadcast(0.0F), l + 3 * column + row, 9);
             v[i] = (gather(model.tendon_dir_nom + 3 * b + i, 3) + raw(kDir + i)) * mask[i];
         }
         const Branches inv_norm = 1.0F / root(dot(v, v) + 1e-12F);
@@ -72,15 +73,17 @@ static void springs_from_head(const aminn_model_t &model, float *head, aminn_sta
     }
 }
 
-// K in the place of L
+// K in the place of L, from the end: an entry needs nothing of L behind it.
 static void square_springs(aminn_stage_debug_t &out)
 {
     for (auto &k : out.k_spring) {
-        float l[3][3];
-        std::memcpy(l, k, sizeof l);
-        for (int i = 0; i < 3; ++i) {
-            for (int j = 0; j < 3; ++j) {
-                k[i][j] = dot3(l[i], l[j]);
+        for (int i = 2; i >= 0; --i) {
+            for (int j = i; j >= 0; --j) {
+                float sum = 0.0F;
+                for (int m = 0; m <= j; ++m) {
+                    sum = add_product(sum, k[i][m], k[j][m]);
+                }
+                k[i][j] = k[j][i] = sum;
             }
         }
     }

@@ -2,14 +2,10 @@
 #ifndef AMINN_SRC_VECTOR3_HPP
 #define AMINN_SRC_VECTOR3_HPP
 
-#include "aminn_rt.h"
 #include "elementary.hpp"
 
 namespace aminn {
 inline namespace AMINN_CORE {
-
-constexpr int kBranch = AMINN_N_BRANCH;
-constexpr int kMotion = AMINN_N_WRENCH;
 
 AMINN_FUNCTION void subtract(const float *a, const float *b, float *out)
 {

@@ -28,7 +28,7 @@ struct Function {
 const Function kFunctions[] = {
     {"exp", -86.0F, 88.72F, 1.1, false, [](float x) { return exponential(x); }, [](double x) { return std::exp(x); }},
     {"log", FLT_MIN, FLT_MAX, 1.0, false, [](float x) { return logarithm(x); }, [](double x) { return std::log(x); }},
-    {"tanh", -FLT_MAX, FLT_MAX, 3.0, false, [](float x) { return hyperbolic_tangent(x); },
+    {"tanh", -FLT_MAX, FLT_MAX, 2.0, false, [](float x) { return hyperbolic_tangent(x); },
      [](double x) { return std::tanh(x); }},
     {"sigmoid", -86.0F, FLT_MAX, 3.0, false, [](float x) { return sigmoid(x); },
      [](double x) { return 1.0 / (1.0 + std::exp(-x)); }},
