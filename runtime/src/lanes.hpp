@@ -98,9 +98,15 @@ AMINN_INLINE Branches root(Branches x)
 {
     return Branches{root(x[0]), root(x[1]), root(x[2]), root(x[3])};
 }
-AMINN_INLINE Branches sigmoid(Branches x)
+AMINN_INLINE Branches exponential(Branches x)
 {
-    return Branches{sigmoid(x[0]), sigmoid(x[1]), sigmoid(x[2]), 0.0F};
+    float y[4];
+    std::memcpy(y, &x, sizeof y);
+    for (float &value : y) {
+        value = exponential(value);
+    }
+    std::memcpy(&x, y, sizeof y);
+    return x;
 }
 AMINN_INLINE Branches gather(const float *p, int stride)
 {
@@ -418,6 +424,12 @@ AMINN_FUNCTION void sum_of_squares(Row &to, const Row *rows, int n, const float 
 }
 
 #endif
+
+// the smaller; x if it is no number
+AMINN_INLINE Branches least(Branches limit, Branches x)
+{
+    return limit < x ? limit : x;
+}
 
 constexpr int kGroups = kBranch / kSideBySide; // of branches that are computed side by side
 

@@ -18,7 +18,7 @@
 //
 // Pass 2 adds a tendon s d d^T to the springs of each branch. It makes K_x stiffer by one direction,
 //
-//   K_x + sum_b gamma_b m_b m_b^T,   gamma = s / (1 + s rho^2),   m = sqrt(c) V_b^T t
+//   K_x + sum_b gamma_b m_b m_b^T,   1 / gamma = 1 / s + rho^2,   m = sqrt(c) V_b^T t
 //
 // The load that stretches the tendon is felt through m as well: <dq, d> = sqrt(c) m.x. Nothing of the tool is factorised
 // again: with H = U^-T m = sqrt(c) Q_b^T t, K_x = U^T (D + H gamma H^T) U.
@@ -50,7 +50,7 @@ struct StaticsSummary {
 enum Wanted : unsigned { kStiffness = 1, kDeflection = 2 }; // of k_x and dq0, which nothing else depends on
 
 constexpr int kStacked = 3 * kBranch;
-constexpr float kSlack = 1e-30F; // stiffness of a tendon that does not engage at all, which nothing can show
+constexpr float kSlack = 1e30F; // compliance of a tendon that does not engage at all, which nothing can show
 
 // Joints and contact compliance of the branches of a group, in series, seen from the contact.
 struct Contact {
@@ -86,7 +86,9 @@ AMINN_FUNCTION void orthogonalise(AnyRow *rows, int above, int columns, const Nu
         d[j] = u[j][j];
         inv_d[j] = scale_by_component(u[j], j);
         clear_up_to(u[j], j);
-        eliminate(rows, n, j, u[j]);
+        if (j < kMotion - 1) { // behind the last there is nothing
+            eliminate(rows, n, j, u[j]);
+        }
         set_component(u[j], j, 1.0F);
     }
 }
@@ -299,12 +301,12 @@ static void two_pass(const aminn_model_t &model, const aminn_stage_model_t &stag
             deflection(contact, grasp.rows + 3 * b, grasp.weight + 3 * b, z, out.dq0[b]);
         }
         const auto parameter = [&](int i) { return gather(&out.gate_params[b][i], 3); };
-        const Branches gate = sigmoid(parameter(0) * (eta - parameter(1)) + parameter(2));
-        scatter(gate, out.gate + b, 1);
-        const Branches s = gather(&out.tendon_gain[b], 1) * gate;
-        const Branches gamma = s / (1.0F + s * contact.rest_square) + kSlack;
-        scatter(gamma, grasp.d + kMotion + b, 1);
-        scatter(1.0F / gamma, grasp.inv_d + kMotion + b, 1);
+        const Branches inv_gate = 1.0F + exponential(parameter(0) * (parameter(1) - eta) - parameter(2));
+        scatter(1.0F / inv_gate, out.gate + b, 1);
+        const Branches inv_s = inv_gate / gather(&out.tendon_gain[b], 1);
+        const Branches inv_gamma = least(broadcast(kSlack), inv_s + contact.rest_square);
+        scatter(inv_gamma, grasp.inv_d + kMotion + b, 1);
+        scatter(1.0F / inv_gamma, grasp.d + kMotion + b, 1);
     }
 
     // pass 2: the tendons' share of the load
