@@ -205,7 +205,7 @@ def draw(e: Explanation, out: Path) -> None:
     bars.set_ylim(min(0.4, 0.9 * min(ratio)), max(2.5, 1.1 * max(ratio)))
     bars.set_yticks([0.5, 1, 2], ["0.5", "1", "2"])
     bars.minorticks_off()
-    bars.set_xticks(range(len(names)), [f"{BRANCHES[b]}\n{COORDS[i]}" for b, i in names], fontsize=6)
+    bars.set_xticks(range(len(names)), [f"{BRANCHES[b]}\n{COORDS[i]}" for b, i in names])
     bars.set_title("joint stiffness, times nominal", fontsize=9, loc="left")
     work = figure.add_axes((0.68, 0.12, 0.3, 0.34))
     scaled = np.repeat([1e3, 1e3 * LENGTH_SCALE_M], 3)
@@ -213,19 +213,17 @@ def draw(e: Explanation, out: Path) -> None:
     work.bar(at - 0.2, scaled * e.dx, 0.4, color="#1f5fa8", label="predicted")
     work.bar(at + 0.2, scaled * e.row("dx_ht"), 0.4, color="#111111", label="simulated")
     work.axhline(0, color="#777777", linewidth=0.8)
-    work.set_xticks(at, ["x", "y", "z", "rot x", "rot y", "rot z"], fontsize=7)
+    work.set_xticks(at, ["x", "y", "z", "rot x", "rot y", "rot z"])
     work.set_title("motion, mm (rotations times 0.1 m)", fontsize=9, loc="left")
     work.legend(fontsize=7, frameon=False)
     for panel in (bars, work):
         panel.tick_params(labelsize=7)
         for side in ("top", "right"):
             panel.spines[side].set_visible(False)
+    bars.tick_params(axis="x", labelsize=5.5)
     verdict = f"p_stable {e.p_stable:.3f} (threshold {e.tau:.3f})"
-    figure.text(
-        0.02,
-        0.02,
-        f"Load case {e.sample}: {verdict}. Red: the force. Black: the softest directions.",
-        fontsize=8,
-    )
+    force = " Red: the force." if np.linalg.norm(e.row("w_e")[:3]) > 0 else ""
+    text = f"Load case {e.sample}: {verdict}.{force} Black: the softest directions."
+    figure.text(0.02, 0.02, text, fontsize=8)
     out.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(out, facecolor="white")

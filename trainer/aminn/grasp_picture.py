@@ -290,6 +290,7 @@ def draw_grasp(picture: GraspPicture) -> tuple[Figure, str]:
     points = np.concatenate(reach + tools)
     for k, ((q, pose), title) in enumerate(zip(states, ("before the load", "under load"), strict=True)):
         ax = figure.add_subplot(1, 2, k + 1, projection="3d", computed_zorder=True)
+        ax.patch.set_visible(False)  # it would hide the other's axis label
         _draw_hand(ax, picture.hand, q)
         _draw_solid(ax, _placed(tool_faces(picture.tool_geoms), pose), TOOL_COLOUR, 0.8)
         if k == 1:
