@@ -32,7 +32,7 @@ AMINN_INLINE float value_of(uint16_t w)
 
 #if AMINN_LANES
 
-#if defined(__AVX__) // with AVX-512 too: a row of 39 outputs seldom begins where a cache line does, and 64 bytes cross two
+#if defined(__AVX__) // with AVX-512 too: a row of 39 outputs seldom begins where a cache line does
 using Register = float __attribute__((vector_size(32)));
 #else
 using Register = float __attribute__((vector_size(16)));
