@@ -42,6 +42,9 @@ constexpr int kContacts = AMINN_N_JOINT + 2 * AMINN_N_WRENCH; // numbers before 
 static_assert(offsetof(aminn_state_t, contacts) == kContacts * sizeof(float), "aminn_state_t has no gaps");
 } // namespace aminn
 
+#if __cplusplus < 201703L
+#error "the library is C++17: compile with -std=c++17 (Zephyr: CONFIG_STD_CPP17=y)"
+#endif
 #ifdef __FAST_MATH__
 #error "compile without -ffast-math: it removes the checks for NaN and the order of operations"
 #endif

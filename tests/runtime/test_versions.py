@@ -8,8 +8,14 @@ import subprocess
 import tomllib
 from pathlib import Path
 
+import pytest
+
 TREE = Path(__file__).resolve().parents[2]
-NUMERIC_OPTIONS = ("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math")
+OPTIONS = (  # of numbers; of size; of what would link an allocator
+    *("-ffp-contract=off", "-fno-math-errno", "-fno-trapping-math"),
+    "-fno-tree-loop-distribute-patterns",
+    *("-fno-exceptions", "-fno-rtti", "-fno-threadsafe-statics"),
+)
 
 
 def header_version() -> str:
@@ -46,12 +52,22 @@ def test_platformio_builds_the_library_as_cmake_does(tmp_path: Path) -> None:
         re.findall(r"src/(\w+\.cpp)", (TREE / "runtime/CMakeLists.txt").read_text())
     )
     assert (TREE / build["includeDir"] / library["headers"]).is_file()
-    assert set(NUMERIC_OPTIONS) <= set(build["flags"])
+    assert {"-std=c++17", *OPTIONS} == set(build["flags"])
     for example in library["examples"]:
         assert all((TREE / example["base"] / name).is_file() for name in example["files"])
     for source in sources:  # compiles with these flags alone
-        command = ["g++", "-std=c++17", *build["flags"], f"-I{TREE / build['includeDir']}", "-c", str(source)]
+        command = ["g++", *build["flags"], f"-I{TREE / build['includeDir']}", "-c", str(source)]
         subprocess.run([*command, "-o", str(tmp_path / f"{source.stem}.o")], check=True)
+
+
+@pytest.mark.parametrize(
+    ("flag", "message"), [("-std=c++14", "the library is C++17"), ("-ffast-math", "without -ffast-math")]
+)
+def test_options_that_cannot_work_are_refused_by_name(flag: str, message: str, tmp_path: Path) -> None:
+    source = TREE / "runtime/src/input.cpp"
+    command = ["g++", "-std=c++17", flag, f"-I{TREE / 'runtime/include'}", "-c", str(source), "-o", str(tmp_path / "o")]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert message in next(line for line in done.stderr.splitlines() if "error:" in line)
 
 
 def test_zephyr_module_is_complete(tmp_path: Path) -> None:
@@ -73,7 +89,7 @@ def test_zephyr_module_is_complete(tmp_path: Path) -> None:
     done = subprocess.run(["cmake", "-P", str(tmp_path / "run.cmake")], capture_output=True, text=True, check=True)
     assert "cascade.cpp" in done.stderr
     assert "AMINN_MAX_WIDTH=64" in done.stderr
-    assert all(option in done.stderr for option in NUMERIC_OPTIONS)
+    assert all(option in done.stderr for option in OPTIONS)
     symbols = re.findall(r"CONFIG_(AMINN\w+)", (TREE / "zephyr/CMakeLists.txt").read_text())
     declared = re.findall(r"^config (\w+)", (TREE / "zephyr/Kconfig").read_text(), re.MULTILINE)
     assert set(symbols) == set(declared)
