@@ -107,7 +107,7 @@ def p_stable_sensitivity(
     """Of states (rows) whose p_stable is off by more than the limit: how many, and what rounding their inputs changes.
 
     The latter is the largest change of the float64 p_stable when each input changes by up to half a unit of its last
-    place.
+    place, and the number of states that it takes beyond the limit.
     """
     error = np.abs(results.outputs["p_stable"] - truth["p_stable"])
     off = rows[error[rows] > P_STABLE_LIMIT]
@@ -121,6 +121,7 @@ def p_stable_sensitivity(
         change = np.maximum(change, np.abs(reference(moved)["p_stable"] - truth["p_stable"][off]))
     return {
         "adversarial_p_stable_beyond_limit": len(off),
+        "adversarial_p_stable_moved_as_far_by_rounded_input": int((change > P_STABLE_LIMIT).sum()),
         "adversarial_p_stable_change_by_rounded_input_max": float(change.max()),
     }
 
