@@ -36,6 +36,8 @@ from .verify import model_prefix, onnx_session, samples_of_dataset, scaled_condi
 UNIT = 2.0**-24
 """Unit roundoff of float32."""
 P_STABLE_LIMIT = 2e-6
+SPINNING_M = 1.0
+"""A tool that the linear model moves further than this (rotations times 0.1 m) is free to turn: no grasp moves so."""
 WELL_CONDITIONED = 1e6
 PERTURBATIONS = 16
 CHUNK = 2000
@@ -107,7 +109,7 @@ def p_stable_sensitivity(
     """Of states (rows) whose p_stable is off by more than the limit: how many, and what rounding their inputs changes.
 
     The latter is the largest change of the float64 p_stable when each input changes by up to half a unit of its last
-    place, and the number of states that it takes beyond the limit.
+    place, and the number of states that it takes beyond the limit. Also how many are of tools that spin (SPINNING_M).
     """
     error = np.abs(results.outputs["p_stable"] - truth["p_stable"])
     off = rows[error[rows] > P_STABLE_LIMIT]
@@ -121,20 +123,25 @@ def p_stable_sensitivity(
         change = np.maximum(change, np.abs(reference(moved)["p_stable"] - truth["p_stable"][off]))
     return {
         "adversarial_p_stable_beyond_limit": len(off),
+        "adversarial_p_stable_beyond_limit_spinning": int((scaled_norm(truth["dx_ht"][off]) > SPINNING_M).sum()),
         "adversarial_p_stable_moved_as_far_by_rounded_input": int((change > P_STABLE_LIMIT).sum()),
         "adversarial_p_stable_change_by_rounded_input_max": float(change.max()),
     }
 
 
-def p_stable_in_range(
+def p_stable_of_plausible(
     model: BinModel, inputs: dict[str, NDArray], results: Results, truth: dict[str, Array], rows: NDArray[np.int64]
 ) -> Figures:
-    """Of states (rows) not noted as outside the training range: how many, and the largest error of p_stable."""
-    inside = rows[within_ranges({k: v[rows] for k, v in inputs.items()}, model.tensors) & (results.status[rows] == 0)]
-    error = np.abs(results.outputs["p_stable"][inside] - truth["p_stable"][inside])
-    return {
-        "adversarial_in_range_states": len(inside),
-        "adversarial_in_range_p_stable_max": float(error.max(initial=0.0)),
+    """p_stable of states (rows) within the training range, and of tools that do not spin: how many, largest error."""
+    rows = rows[results.status[rows] == 0]
+    error = np.abs(results.outputs["p_stable"][rows] - truth["p_stable"][rows])
+    sets = {
+        "in_range": within_ranges({k: v[rows] for k, v in inputs.items()}, model.tensors),
+        "not_spinning": scaled_norm(truth["dx_ht"][rows]) <= SPINNING_M,
+    }
+    figures: Figures = {f"adversarial_{name}_states": int(chosen.sum()) for name, chosen in sets.items()}
+    return figures | {
+        f"adversarial_{name}_p_stable_max": float(error[chosen].max(initial=0.0)) for name, chosen in sets.items()
     }
 
 
@@ -184,7 +191,7 @@ def fidelity(
     figures |= compare_set("simulated", onnx, results, truth, np.arange(n))
     figures |= compare_set("adversarial", onnx, results, truth, np.arange(n, 2 * n))
     figures |= p_stable_sensitivity(model, inputs, results, truth, np.arange(n, 2 * n))
-    figures |= p_stable_in_range(model, inputs, results, truth, np.arange(n, 2 * n))
+    figures |= p_stable_of_plausible(model, inputs, results, truth, np.arange(n, 2 * n))
     for k, name in enumerate(KINDS):
         figures |= compare_set(name, onnx, results, truth, n + np.flatnonzero(kind == k))
     figures |= ulp_figures(work, stride)
