@@ -8,6 +8,7 @@ import subprocess
 import tomllib
 from pathlib import Path
 
+import kconfiglib
 import pytest
 
 TREE = Path(__file__).resolve().parents[2]
@@ -90,6 +91,21 @@ def test_zephyr_module_is_complete(tmp_path: Path) -> None:
     assert "cascade.cpp" in done.stderr
     assert "AMINN_MAX_WIDTH=64" in done.stderr
     assert all(option in done.stderr for option in OPTIONS)
-    symbols = re.findall(r"CONFIG_(AMINN\w+)", (TREE / "zephyr/CMakeLists.txt").read_text())
-    declared = re.findall(r"^config (\w+)", (TREE / "zephyr/Kconfig").read_text(), re.MULTILINE)
-    assert set(symbols) == set(declared)
+
+
+def test_zephyr_settings_are_what_the_module_reads(tmp_path: Path) -> None:
+    """Zephyr's symbols that the file rests on are declared here; the rest is parsed as Zephyr parses it."""
+    declared = "".join(f"config {name}\n\tbool {prompt}\n" for name, prompt in (("CPP", '"C++"'), ("FPU", '"FPU"')))
+    (tmp_path / "Kconfig").write_text(
+        f'{declared}config CPU_HAS_FPU\n\tbool\n\tdefault y\nsource "{TREE}/zephyr/Kconfig"\n'
+    )
+    kconfig = kconfiglib.Kconfig(str(tmp_path / "Kconfig"), warn_to_stderr=False)
+    ours = {name for name in kconfig.syms if name.startswith("AMINN")}
+    assert ours == set(re.findall(r"CONFIG_(AMINN\w+)", (TREE / "zephyr/CMakeLists.txt").read_text()))
+    assert kconfig.syms["AMINN_RT"].str_value == "n"
+    for name in ("CPP", "AMINN_RT"):
+        kconfig.syms[name].set_value("y")
+    width = re.search(r"#define AMINN_MAX_WIDTH (\d+)", (TREE / "runtime/include/aminn_rt.h").read_text())[1]
+    assert kconfig.syms["AMINN_RT_MAX_WIDTH"].str_value == width
+    assert kconfig.syms["FPU"].str_value == "y"
+    assert not kconfig.warnings
