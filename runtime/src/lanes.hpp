@@ -18,6 +18,74 @@ inline namespace AMINN_CORE {
 
 constexpr float kOnesAndZeros[9] = {1.0F, 1.0F, 1.0F, 1.0F, 1.0F, 1.0F, 0.0F, 0.0F, 0.0F};
 
+// Numbers side by side, each in a place of its own: floats, or Branches.
+template <class Number, int kCount>
+struct Components {
+    Number v[kCount];
+    AMINN_INLINE const Number &operator[](int i) const
+    {
+        return v[i];
+    }
+};
+
+template <class Number, int kCount>
+AMINN_FUNCTION void load_row(Components<Number, kCount> &a, const Number *p)
+{
+    std::memcpy(a.v, p, sizeof a.v);
+}
+template <class Number, int kCount>
+AMINN_FUNCTION void scale(Components<Number, kCount> &a, Number s, const Components<Number, kCount> &c)
+{
+    for (int i = 0; i < kCount; ++i) {
+        a.v[i] = s * c.v[i];
+    }
+}
+template <class Number, int kCount>
+AMINN_FUNCTION void add_scaled(Components<Number, kCount> &a, Number s, const Components<Number, kCount> &c)
+{
+    for (int i = 0; i < kCount; ++i) {
+        a.v[i] = a.v[i] + s * c.v[i];
+    }
+}
+template <class Number, int kCount>
+AMINN_FUNCTION void subtract_scaled(Components<Number, kCount> &a, Number s, const Components<Number, kCount> &c)
+{
+    for (int i = 0; i < kCount; ++i) {
+        a.v[i] = a.v[i] - s * c.v[i];
+    }
+}
+template <class Number, int kCount>
+AMINN_FUNCTION void add(Components<Number, kCount> &a, const Components<Number, kCount> &b)
+{
+    for (int i = 0; i < kCount; ++i) {
+        a.v[i] = a.v[i] + b.v[i];
+    }
+}
+template <class Number, int kCount>
+AMINN_INLINE Number scale_by_component(Components<Number, kCount> &a, int j)
+{
+    const Number inv = 1.0F / a[j];
+    scale(a, inv, a);
+    return inv;
+}
+template <class Number, int kCount>
+AMINN_INLINE void clear(Components<Number, kCount> &a)
+{
+    a = {};
+}
+template <class Number, int kCount>
+AMINN_INLINE void clear_up_to(Components<Number, kCount> &a, int j)
+{
+    for (; j >= 0; --j) {
+        a.v[j] = Number{};
+    }
+}
+template <class Number, int kCount>
+AMINN_INLINE void set_component(Components<Number, kCount> &a, int j, float value)
+{
+    a.v[j] = value - Number{}; // in all lanes of it
+}
+
 #if AMINN_LANES
 
 #pragma GCC diagnostic ignored "-Wpsabi"           // nothing here is called across object files
@@ -100,13 +168,7 @@ AMINN_INLINE Branches root(Branches x)
 }
 AMINN_INLINE Branches exponential(Branches x)
 {
-    float y[4];
-    std::memcpy(y, &x, sizeof y);
-    for (float &value : y) {
-        value = exponential(value);
-    }
-    std::memcpy(&x, y, sizeof y);
-    return x;
+    return Branches{exponential(x[0]), exponential(x[1]), exponential(x[2]), 0.0F};
 }
 AMINN_INLINE Branches gather(const float *p, int stride)
 {
@@ -119,79 +181,13 @@ AMINN_INLINE void scatter(Branches x, float *p, int stride)
     p[2 * stride] = x[2];
 }
 
-struct ContactRow {
-    Branches v[4];
-    AMINN_INLINE const Branches &operator[](int i) const
-    {
-        return v[i];
-    }
-};
-
-AMINN_INLINE void load_row(ContactRow &a, const Branches *p)
-{
-    std::memcpy(a.v, p, sizeof a.v);
-}
-AMINN_INLINE void scale(ContactRow &a, Branches s, const ContactRow &c)
-{
-    for (int i = 0; i < 4; ++i) {
-        a.v[i] = s * c.v[i];
-    }
-}
-AMINN_INLINE void add_scaled(ContactRow &a, Branches s, const ContactRow &c)
-{
-    for (int i = 0; i < 4; ++i) {
-        a.v[i] = a.v[i] + s * c.v[i];
-    }
-}
-AMINN_INLINE void subtract_scaled(ContactRow &a, Branches s, const ContactRow &c)
-{
-    for (int i = 0; i < 4; ++i) {
-        a.v[i] = a.v[i] - s * c.v[i];
-    }
-}
-AMINN_INLINE void add(ContactRow &a, const ContactRow &b)
-{
-    for (int i = 0; i < 4; ++i) {
-        a.v[i] = a.v[i] + b.v[i];
-    }
-}
-AMINN_INLINE Branches scale_by_component(ContactRow &a, int j)
-{
-    const Branches inv = 1.0F / a.v[j];
-    scale(a, inv, a);
-    return inv;
-}
-AMINN_INLINE void clear(ContactRow &a)
-{
-    a = {};
-}
-AMINN_INLINE void clear_up_to(ContactRow &a, int j)
-{
-    for (; j >= 0; --j) {
-        a.v[j] = Branches{};
-    }
-}
-AMINN_INLINE void set_component(ContactRow &a, int j, float value)
-{
-    a.v[j] = broadcast(value);
-}
+using ContactRow = Components<Branches, 4>;
 
 #else // one component after the other
 
 #define AMINN_UNROLL_ROWS
 
-struct Row {
-    float v[kMotion];
-    AMINN_INLINE float operator[](int i) const
-    {
-        return v[i];
-    }
-};
-
-AMINN_FUNCTION void load_row(Row &a, const float *p)
-{
-    std::memcpy(a.v, p, sizeof a.v);
-}
+using Row = Components<float, kMotion>;
 
 #if AMINN_CORTEX_M
 // Rows are loaded and stored as a whole, which the compiler does not do by itself. A sum that begins with -0 keeps the
@@ -298,30 +294,6 @@ AMINN_FUNCTION void eliminate(Row *rows, int n, int j, const Row &factor)
                    : AMINN_ROW_REGISTERS, "s12");
 }
 #else
-AMINN_FUNCTION void scale(Row &a, float s, const Row &c)
-{
-    for (int i = 0; i < kMotion; ++i) {
-        a.v[i] = s * c.v[i];
-    }
-}
-AMINN_FUNCTION void add_scaled(Row &a, float s, const Row &c)
-{
-    for (int i = 0; i < kMotion; ++i) {
-        a.v[i] = a.v[i] + s * c.v[i];
-    }
-}
-AMINN_FUNCTION void subtract_scaled(Row &a, float s, const Row &c)
-{
-    for (int i = 0; i < kMotion; ++i) {
-        a.v[i] = a.v[i] - s * c.v[i];
-    }
-}
-AMINN_FUNCTION void add(Row &a, const Row &b)
-{
-    for (int i = 0; i < kMotion; ++i) {
-        a.v[i] = a.v[i] + b.v[i];
-    }
-}
 AMINN_FUNCTION void multiply(Row &a, const Row &b)
 {
     for (int i = 0; i < kMotion; ++i) {
@@ -329,27 +301,6 @@ AMINN_FUNCTION void multiply(Row &a, const Row &b)
     }
 }
 #endif
-
-AMINN_INLINE float scale_by_component(Row &a, int j)
-{
-    const float inv = 1.0F / a[j];
-    scale(a, inv, a);
-    return inv;
-}
-AMINN_INLINE void clear(Row &a)
-{
-    a = {};
-}
-AMINN_INLINE void clear_up_to(Row &a, int j)
-{
-    for (; j >= 0; --j) {
-        a.v[j] = 0.0F;
-    }
-}
-AMINN_INLINE void set_component(Row &a, int j, float value)
-{
-    a.v[j] = value;
-}
 
 using Branches = float;
 using ContactRow = Row;
