@@ -37,7 +37,7 @@ UNIT = 2.0**-24
 """Unit roundoff of float32."""
 P_STABLE_LIMIT = 2e-6
 SPINNING_M = 1.0
-"""A tool that the linear model moves further than this (rotations times 0.1 m) is free to turn: no grasp moves so."""
+"""No grasp moves its tool further (rotations times 0.1 m); the linear model does where nothing hinders a rotation."""
 WELL_CONDITIONED = 1e6
 PERTURBATIONS = 16
 CHUNK = 2000
@@ -106,10 +106,11 @@ def compare_set(
 def p_stable_sensitivity(
     model: BinModel, inputs: dict[str, NDArray], results: Results, truth: dict[str, Array], rows: NDArray[np.int64]
 ) -> Figures:
-    """Of states (rows) whose p_stable is off by more than the limit: how many, and what rounding their inputs changes.
+    """Of states (rows) whose p_stable is off by more than the limit: how many, how many of them spin (SPINNING_M), and
+    what rounding their inputs changes.
 
     The latter is the largest change of the float64 p_stable when each input changes by up to half a unit of its last
-    place, and the number of states that it takes beyond the limit. Also how many are of tools that spin (SPINNING_M).
+    place, and the number of states that it takes beyond the limit.
     """
     error = np.abs(results.outputs["p_stable"] - truth["p_stable"])
     off = rows[error[rows] > P_STABLE_LIMIT]
