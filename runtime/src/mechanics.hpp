@@ -301,6 +301,7 @@ static void two_pass(const aminn_model_t &model, const aminn_stage_model_t &stag
             deflection(contact, grasp.rows + 3 * b, grasp.weight + 3 * b, z, out.dq0[b]);
         }
         const auto parameter = [&](int i) { return gather(&out.gate_params[b][i], 3); };
+        // a sigmoid, of whose inverse the tendon's compliance is made
         const Branches inv_gate = 1.0F + exponential(parameter(0) * (parameter(1) - eta) - parameter(2));
         scatter(1.0F / inv_gate, out.gate + b, 1);
         const Branches inv_s = inv_gate / gather(&out.tendon_gain[b], 1);
