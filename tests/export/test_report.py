@@ -9,9 +9,19 @@ import numpy as np
 import pytest
 from synthetic import closure, draw_inputs, hand
 
+from aminn.errors import AminnError
 from aminn.grasp_picture import GraspPicture, branch_points, draw_grasp, magnification, rotation_matrix, tool_faces
 from aminn.metrics import operating_curve, reliability
-from aminn.report import ReportInputs, difference_table, format_value, pictures, result_table, to_png, write_report
+from aminn.report import (
+    ReportInputs,
+    difference_table,
+    format_value,
+    pictures,
+    read_reports,
+    result_table,
+    to_png,
+    write_report,
+)
 
 RNG = np.random.default_rng(0)
 ALONG_X = [0.5**0.5, 0, 0.5**0.5, 0]
@@ -125,3 +135,20 @@ def test_rotation_matrix_turns_about_its_vector() -> None:
     turn = rotation_matrix(np.array([0, 0, np.pi / 2]))
     np.testing.assert_allclose(turn @ [1, 0, 0], [0, 1, 0], atol=1e-12)
     np.testing.assert_array_equal(rotation_matrix(np.zeros(3)), np.eye(3))
+
+
+def test_the_page_lists_the_other_reports_of_its_folder(tmp_path: Path) -> None:
+    (tmp_path / "bench.json").write_text('{"prediction_us": 1.5, "aims_missed": ""}')
+    (tmp_path / "page.json").write_text('{"own": 1}')
+    found = read_reports(tmp_path, tmp_path / "page.html")
+    assert found == {"bench": {"prediction_us": 1.5, "aims_missed": ""}}
+    write_report(ReportInputs(reports=found), tmp_path / "page.html")
+    text = (tmp_path / "page.html").read_text()
+    assert "bench.json, 2 figures" in text and "<td>prediction_us</td><td>1.5</td>" in text
+    assert read_reports(tmp_path / "none", tmp_path / "page.html") == {}
+
+
+def test_a_damaged_report_is_named(tmp_path: Path) -> None:
+    (tmp_path / "size.json").write_text('{"cortex_m7_')
+    with pytest.raises(AminnError, match=r"size\.json: not a report"):
+        read_reports(tmp_path, tmp_path / "page.html")

@@ -275,8 +275,15 @@ def verify(
     type=click.Path(path_type=Path, dir_okay=False, exists=True),
     help="`aminn verify --json`.",
 )
+@click.option(
+    "--reports",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("build/reports"),
+    show_default=True,
+    help="Folder of other reports, whose figures the page lists.",
+)
 @click.option("--out", type=NEW_FILE, default=Path("build/reports/report.html"), show_default=True)
-def report(data: Path, runs: tuple[Path, ...], verification: Path | None, out: Path) -> None:
+def report(data: Path, runs: tuple[Path, ...], verification: Path | None, reports: Path, out: Path) -> None:
     """Write the report page: table, signed work, predicted motion, training curves, a grasp under load."""
     from .checkpoint import load_checkpoint
     from .dataset import load_dataset
@@ -285,7 +292,7 @@ def report(data: Path, runs: tuple[Path, ...], verification: Path | None, out: P
 
     checkpoints = [load_checkpoint(r) for r in runs]
     differences = read_verification(verification) if verification else {}
-    run_report(run(checkpoints, load_dataset(data)), checkpoints, differences, out)
+    run_report(run(checkpoints, load_dataset(data)), checkpoints, differences, out, reports)
     click.echo(f"report: {out}")
 
 

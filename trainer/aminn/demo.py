@@ -98,7 +98,7 @@ def main(build: Path, grasps: int, cases: int) -> None:
         "verify", title, lambda: run_verify(exported, data, host, firmware=True, echo=differences.append)
     )
     page = reports / "demo.html"
-    watch.run("report", "Write the report page", lambda: run_report(result, checkpoints, replay, page))
+    watch.run("report", "Write the report page", lambda: run_report(result, checkpoints, replay, page, reports))
     report = _figures(dataset, result, checkpoints) | replay | watch.seconds
     write_json(reports / "demo.json", report)
     click.echo(f"\n{format_table(result)}\n")

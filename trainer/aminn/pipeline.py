@@ -91,9 +91,14 @@ def _example_grasp(result: Evaluation) -> GraspPicture:
     )
 
 
-def run_report(result: Evaluation, checkpoints: list[Checkpoint], differences: dict, out: Path) -> None:
-    """Write the report page of an evaluation to `out`; `differences` is what `run_verify` returned, or empty."""
-    from .report import ReportInputs, write_report
+def run_report(
+    result: Evaluation, checkpoints: list[Checkpoint], differences: dict, out: Path, reports: Path | None = None
+) -> None:
+    """Write the report page of an evaluation to `out`; `differences` is what `run_verify` returned, or empty.
+
+    The page lists the figures of all reports in folder `reports`.
+    """
+    from .report import ReportInputs, read_reports, write_report
 
     s = result.data.samples
     held = s["stable"] > 0
@@ -118,6 +123,7 @@ def run_report(result: Evaluation, checkpoints: list[Checkpoint], differences: d
         reliability={name: reliability(result.predictions[name].p_stable, held) for name in learned},
         grasp=_example_grasp(result),
         verification=differences,
+        reports=read_reports(reports, out) if reports else {},
         dataset=_report_data(result.labels, result.data.manifest),
     )
     out.parent.mkdir(parents=True, exist_ok=True)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import io
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,6 +21,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from .checkpoint import write_atomically
+from .errors import AminnError
 from .grasp_picture import GraspPicture, draw_grasp
 from .metrics import COLUMNS
 
@@ -88,6 +90,8 @@ class ReportInputs:
     """Flat report of `aminn verify`."""
     dataset: Mapping[str, Value] = field(default_factory=dict)
     """Name -> value: what the data set holds."""
+    reports: Mapping[str, Mapping[str, Value]] = field(default_factory=dict)
+    """Name -> flat figures of other reports, which the page lists as they are."""
     notes: Sequence[str] = ()
     """Sentences under the table."""
 
@@ -329,6 +333,25 @@ def format_value(value: Value, form: str | None = None) -> str:
     return form.format(int(value) if form == "{:d}" else value)
 
 
+def _cells(figures: Mapping[str, Value]) -> list[tuple[str, str]]:
+    return [(key, format_value(value)) for key, value in figures.items()]
+
+
+def read_reports(folder: Path, page: Path) -> dict[str, dict[str, Value]]:
+    """The reports in `folder` by name, but the one that `page` shows anyway. Raises AminnError for a damaged one."""
+    found = {}
+    for file in sorted(folder.glob("*.json")):
+        if file.stem == page.stem:
+            continue
+        try:
+            figures = json.loads(file.read_text())
+        except ValueError as error:
+            raise AminnError(f"{file}: not a report ({error}); remove it, or run what wrote it again") from error
+        if isinstance(figures, dict):
+            found[file.stem] = figures
+    return found
+
+
 def result_table(rows: Sequence[Mapping[str, Value]]) -> list[list[str]]:
     """Cells of the result table, row by row."""
     return [
@@ -364,7 +387,8 @@ def write_report(inputs: ReportInputs, out_html: Path) -> None:
         rows=result_table(inputs.rows),
         headings=headings,
         differences=differences,
-        dataset=[(key, format_value(value)) for key, value in inputs.dataset.items()],
+        dataset=_cells(inputs.dataset),
+        reports=[(name, _cells(figures)) for name, figures in inputs.reports.items()],
         pictures=pictures(inputs),
         verification=inputs.verification,
     )
