@@ -86,7 +86,7 @@ extern "C" {
 #define AMINN_VERSION_STRING "0.1.0"
 
 /* Version of the model's layout, in memory and as a blob. A model of another version is refused. */
-#define AMINN_FORMAT_VERSION 3u
+#define AMINN_FORMAT_VERSION 4u
 
 /* ---- Dimensions ------------------------------------------------------------------------------------------------ */
 
@@ -288,9 +288,9 @@ typedef struct aminn_stage_debug {
     float gate_params[AMINN_N_BRANCH][3];                         /* alpha (1/rad), beta (rad), rho */
     float dx0[AMINN_N_WRENCH];                                    /* displacement with springs alone, m and rad */
     float dq0[AMINN_N_BRANCH][AMINN_N_COORD];  /* deflection of the branch coordinates with springs alone, rad */
-    float gate[AMINN_N_BRANCH];                /* tendon engagement, 0 .. 1 */
-    float k_x[AMINN_N_WRENCH][AMINN_N_WRENCH]; /* stiffness with tendons, SI */
     float dx[AMINN_N_WRENCH];                  /* displacement with tendons, m and rad */
+    float k_x[AMINN_N_WRENCH][AMINN_N_WRENCH]; /* stiffness with tendons, SI */
+    float gate[AMINN_N_BRANCH];                /* tendon engagement, 0 .. 1 */
 } aminn_stage_debug_t;
 
 /* ---- Context --------------------------------------------------------------------------------------------------- */

@@ -19,6 +19,15 @@ bool sound(const aminn_input_t &in, const aminn_stage_debug_t &stage, const Stat
     return within(work, 0, kLargestBits) && within(summary.condition, 0, kLargestBits);
 }
 
+// displacement, stiffness and gates stand side by side in both
+constexpr size_t kMotionBytes =
+    sizeof(aminn_output_t::dx_ht) + sizeof(aminn_output_t::k_x) + sizeof(aminn_output_t::gate);
+static_assert(offsetof(aminn_output_t, condition) - offsetof(aminn_output_t, dx_ht) == kMotionBytes &&
+                  sizeof(aminn_stage_debug_t) - offsetof(aminn_stage_debug_t, dx) == kMotionBytes &&
+                  offsetof(aminn_output_t, gate) - offsetof(aminn_output_t, dx_ht) ==
+                      offsetof(aminn_stage_debug_t, gate) - offsetof(aminn_stage_debug_t, dx),
+              "copied as a whole");
+
 // False if its results are not sound.
 bool run_stage(aminn_t &ctx, int i, const Scene &scene, const aminn_input_t &in, StaticsSummary &summary)
 {
@@ -54,9 +63,7 @@ bool run_cascade(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out)
         if (!run_stage(ctx, 1, scene, in, summary)) {
             return false;
         }
-        std::memcpy(out.dx_ht, stage.dx, sizeof out.dx_ht);
-        std::memcpy(out.k_x, stage.k_x, sizeof out.k_x);
-        std::memcpy(out.gate, stage.gate, sizeof out.gate);
+        std::memcpy(out.dx_ht, stage.dx, kMotionBytes);
     }
     out.condition = summary.condition;
     return out.p_stable >= 0.0F; // a number

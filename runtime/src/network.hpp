@@ -58,24 +58,34 @@ static void run_backbone(const aminn_model_t &model, const aminn_stage_model_t &
     dense(stage.head_w, model.weight_type, stage.head_b, ctx.feature, h, AMINN_N_HEAD, kLinear, ctx.head);
 }
 
-// p_stable from ctx.feature, which what the statics of stage 1 gave is appended to
+constexpr float kLeastMotion = 1e-12F; // m, so that no motion at all can be divided by
+
+// p_stable from ctx.feature, which what the statics of stage 1 gave is appended to: the motion with its size in logarithm,
+// log diag(K), gates. The latter two fade where the motion exceeds the length scale: statics are linear, and of a tool that
+// turns many times round they say nothing, and rounding leaves little of that.
 static float classify(const aminn_model_t &model, const StaticsSummary &summary, const float *gate, aminn_t &ctx)
 {
     const int h = static_cast<int>(model.width);
     const int hd = static_cast<int>(model.classifier_width);
+    Row x;
+    load_row(x, summary.x_s);
+    const float size = root(dot(x, x)) + kLeastMotion;
+    const float inv_size = 1.0F / size;
+    const float log_by_size = logarithm(1.0F + size / model.displacement_log_scale) * inv_size;
     float aux[AMINN_N_AUX];
     for (int i = 0; i < AMINN_N_WRENCH; ++i) {
-        aux[i] = logged(summary.x_s[i], model.displacement_log_scale);
-        aux[AMINN_N_WRENCH + i] = summary.diag_k_s[i];
-    }
-    for (int i = 0; i < 2 * AMINN_N_WRENCH; ++i) { // all at once, where there are vector registers
-        aux[i] = logarithm(aux[i]);
-    }
-    for (int i = 0; i < AMINN_N_WRENCH; ++i) {
-        aux[i] = std::copysign(aux[i], summary.x_s[i]);
+        aux[i] = summary.x_s[i] * log_by_size;
+        aux[AMINN_N_WRENCH + i] = logarithm(summary.diag_k_s[i]);
     }
     std::memcpy(aux + 2 * AMINN_N_WRENCH, gate, kBranch * sizeof *gate);
-    normalise(aux, model.aux_mean, model.aux_inv_std, AMINN_N_AUX, ctx.feature + h);
+    float *in = ctx.feature + h;
+    normalise(aux, model.aux_mean, model.aux_inv_std, AMINN_N_AUX, in);
+    const float fade = model.length_scale * inv_size;
+    if (fade < 1.0F) {
+        for (int i = AMINN_N_WRENCH; i < AMINN_N_AUX; ++i) {
+            in[i] = in[i] * fade;
+        }
+    }
     dense(model.cls1_w, model.weight_type, model.cls1_b, ctx.feature, h + AMINN_N_AUX, hd, kRectified, ctx.layer_out);
     float logit = 0.0F;
     dense(model.cls2_w, model.weight_type, model.cls2_b, ctx.layer_out, hd, 1, kLinear, &logit);

@@ -2236,7 +2236,7 @@ static const float half_model_cls2_b[1] = {
     0x1.8ec0e4p-7f};
 
 const aminn_model_t half_model = {
-    .format_version = 3u,
+    .format_version = 4u,
     .n_branch = 3u,
     .n_coord = 3u,
     .n_joint = 8u,

@@ -564,7 +564,7 @@ static const float tiny_model_cls2_b[1] = {
     -0x1.f28bc6p-6f};
 
 const aminn_model_t tiny_model = {
-    .format_version = 3u,
+    .format_version = 4u,
     .n_branch = 3u,
     .n_coord = 3u,
     .n_joint = 8u,

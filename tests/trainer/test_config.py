@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 
 import pytest
 
-from aminn.config import MechanicsConfig, TrainConfig, as_toml, load_config
+from aminn.config import MECHANICS, TrainConfig, as_toml, load_config
 from aminn.errors import AminnError
 
 
@@ -40,9 +40,19 @@ def test_later_sources_win(tmp_path: Path) -> None:
 
 def test_one_mechanics_table_stands_for_both_stages_and_a_pair_for_each(tmp_path: Path) -> None:
     config = load_config(None, ["model.mechanics.dq0=inverse"])
-    assert config.model.mechanics == (MechanicsConfig(dq0="inverse"),) * 2
+    assert config.model.mechanics == tuple(replace(stage, dq0="inverse") for stage in MECHANICS)
     (tmp_path / "two.toml").write_text("[[model.mechanics]]\neps_m = 1e-4\n[[model.mechanics]]\neps_m = 1e-5\n")
-    assert [m.eps_m for m in load_config(tmp_path / "two.toml").model.mechanics] == [1e-4, 1e-5]
+    two = load_config(tmp_path / "two.toml").model.mechanics
+    assert two == (replace(MECHANICS[0], eps_m=1e-4), replace(MECHANICS[1], eps_m=1e-5))
+
+
+def test_what_differs_between_the_stages_is_printed_and_read_as_a_list_of_two(tmp_path: Path) -> None:
+    config = load_config(None, ["model.mechanics.eps_m=[1e-4, 2e-4]"])
+    assert [stage.eps_m for stage in config.model.mechanics] == [1e-4, 2e-4]
+    text = as_toml(config)
+    assert "eps_m = [0.0001, 0.0002]" in text and "eps_jq = 0.001\n" in text
+    (tmp_path / "printed.toml").write_text(text)
+    assert load_config(tmp_path / "printed.toml") == config
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from aminn.baseline import Mlp, n_parameters
 from aminn.checkpoint import load_checkpoint, save_checkpoint
 from aminn.config import MechanicsConfig, ModelConfig
 from aminn.dataset import Dataset
-from aminn.dims import DEBUG_SHAPES, OUTPUT_SHAPES
+from aminn.dims import DEBUG_SHAPES, LENGTH_SCALE_M, N_WRENCH, OUTPUT_SHAPES
 from aminn.errors import AminnError
 from aminn.export_tables import export_tables
 from aminn.model import Aminn
@@ -100,6 +100,21 @@ def test_heads_that_do_not_see_the_wrench_give_the_same_springs(dataset: Dataset
     again = x | {"w_e": 2 * x["w_e"]}
     assert torch.equal(model.stage2(x)[1].k_spring, model.stage2(again)[1].k_spring)
     assert not torch.equal(model.stage1(x)[0], model.stage1(again)[0])
+
+
+def test_the_classifier_sees_little_of_a_motion_that_linear_statics_cannot_know(dataset: Dataset) -> None:
+    """Beyond L the motion's direction and the logarithm of its size are left; K_x and gates fade with the size."""
+    stage = Aminn(ModelConfig(), NOMINAL).stage1
+    r = stage.backbone({k: v[:8] for k, v in dataset.inputs().items()})[2]
+    direction = r.x_scaled / r.x_scaled.norm(dim=-1, keepdim=True)
+    seen = {size: stage._aux(r._replace(x_scaled=size * direction)) for size in (0.01, LENGTH_SCALE_M, 1.0, 1e6)}
+    torch.testing.assert_close(seen[0.01][:, N_WRENCH:], seen[LENGTH_SCALE_M][:, N_WRENCH:])
+    torch.testing.assert_close(seen[1.0][:, N_WRENCH:], LENGTH_SCALE_M * seen[0.01][:, N_WRENCH:])
+    for size, aux in seen.items():
+        expected = direction * math.log(1 + size / 1e-3)
+        torch.testing.assert_close(aux[:, :N_WRENCH], expected, rtol=1e-4, atol=1e-6)
+    still = stage._aux(r._replace(x_scaled=torch.zeros_like(r.x_scaled)))
+    assert torch.isfinite(still).all() and (still[:, :N_WRENCH] == 0).all()
 
 
 def test_contact_less_rows_are_finite(dataset: Dataset) -> None:

@@ -20,7 +20,7 @@ from .errors import AminnError
 from .model import Aminn
 from .nominal import Nominal
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 WEIGHTS, META = "model.safetensors", "model.json"
 KINDS = {"aminn": Aminn, "mlp": Mlp}
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import field, fields, is_dataclass
+from dataclasses import asdict, field, fields, is_dataclass
 from difflib import get_close_matches
 from functools import partial
 from pathlib import Path
@@ -45,16 +45,30 @@ class MechanicsConfig:
     learn_eps_m: bool = True
     """Take eps_m as a start and learn it, one value a stage."""
     eps_kx: PositiveFloat = 1e-3
-    """Stiffness added to the diagonal of K_x: N/m for translation, N.m/rad for rotation."""
+    """Stiffness added to the diagonal of K_x: N/m for translation, N.m/rad for rotation. It bounds the conditioning."""
     eps_jq: PositiveFloat = 1e-3
     """Regularisation of J_q in the "inverse" form of dq0, m/rad."""
     dq0: Literal["statics", "inverse"] = "statics"
     """How pass 1 finds the joint deflection: "statics" (K^-1 B^T force) or "inverse" (of J_q, as in the paper)."""
 
 
+MECHANICS = (MechanicsConfig(eps_kx=1e-2), MechanicsConfig())
+"""Of stage 1 and stage 2. Stage 1 asks whether the tool stays, not how far it turns about a contact that lets it."""
+
+
 def _pair(value: object) -> object:
-    """One set of constants stands for both stages."""
-    return (value, value) if isinstance(value, Mapping | MechanicsConfig) else value
+    """One set of constants stands for both stages, a list of two in it for each; what is missing is the stage's own."""
+    if isinstance(value, MechanicsConfig):
+        return (value, value)
+    if isinstance(value, Mapping):
+        value = [{k: _of_stage(v, i) for k, v in value.items()} for i in range(len(MECHANICS))]
+    if isinstance(value, list) and len(value) == len(MECHANICS) and all(isinstance(v, Mapping) for v in value):
+        return [asdict(stage) | v for stage, v in zip(MECHANICS, value, strict=True)]
+    return value
+
+
+def _of_stage(value: object, stage: int) -> object:
+    return value[stage] if isinstance(value, list) and len(value) == len(MECHANICS) else value
 
 
 def _wrench_scale(value: tuple[float, ...]) -> tuple[float, ...]:
@@ -89,10 +103,8 @@ class ModelConfig:
     """The same for the displacement that stage 1's classifier sees, m (rotations times 0.1 m)."""
     gate_nominal: tuple[float, float, float] = (20.0, 0.05, 2.0)
     """alpha (1/rad), scale of beta (rad) and rho of an untrained gate: taut under pretension."""
-    mechanics: Annotated[tuple[MechanicsConfig, MechanicsConfig], BeforeValidator(_pair)] = field(
-        default_factory=lambda: (MechanicsConfig(), MechanicsConfig())
-    )
-    """The layer's constants for stage 1 and stage 2; one table stands for both."""
+    mechanics: Annotated[tuple[MechanicsConfig, MechanicsConfig], BeforeValidator(_pair)] = MECHANICS
+    """The layer's constants for stage 1 and stage 2; one table stands for both, a list of two is one for each."""
 
 
 @settings
@@ -201,12 +213,15 @@ def load_config(file: Path | None = None, overrides: Sequence[str] = (), **given
 
 
 def _walk(config: Any, prefix: str = "") -> Iterator[tuple[str, Any, str]]:
-    """(dotted key, value, description) of every setting; of a pair that agrees, the first stands for both."""
+    """(dotted key, value, description) of every setting; where the stages differ, a list of both values."""
     described = type(config).__pydantic_fields__
     for f in fields(config):
         value = getattr(config, f.name)
-        value = value[0] if f.name == "mechanics" else value
-        if is_dataclass(value):
+        if f.name == "mechanics":
+            for both in zip(*(_walk(stage, f"{prefix}{f.name}.") for stage in value), strict=True):
+                (key, first, text), (_, second, _) = both
+                yield key, first if first == second else [first, second], text
+        elif is_dataclass(value):
             yield from _walk(value, f"{prefix}{f.name}.")
         else:
             yield prefix + f.name, value, described[f.name].description or ""

@@ -58,7 +58,7 @@ DEBUG_SHAPES: dict[str, tuple[int, ...]] = {
     "gate_params": (N_BRANCH, 3),
     "dx0": (N_WRENCH,),
     "dq0": (N_BRANCH, N_COORD),
-    "gate": (N_BRANCH,),
-    "k_x": (N_WRENCH, N_WRENCH),
     "dx": (N_WRENCH,),
+    "k_x": (N_WRENCH, N_WRENCH),
+    "gate": (N_BRANCH,),
 }

@@ -104,7 +104,7 @@ class Job:
 
 
 def _mechanics(**changes: float | str | bool) -> TrainConfig:
-    return replace(BASE, model=replace(BASE.model, mechanics=(replace(BASE.model.mechanics[0], **changes),) * 2))
+    return _model(mechanics=tuple(replace(stage, **changes) for stage in BASE.model.mechanics))
 
 
 def _model(**changes: object) -> TrainConfig:
@@ -122,6 +122,7 @@ ABLATIONS: dict[str, TrainConfig] = {
     "eps_m_1e-4": _mechanics(eps_m=1e-4, learn_eps_m=False),
     "eps_m_1e-5": _mechanics(eps_m=1e-5, learn_eps_m=False),
     "eps_m_1e-6": _mechanics(eps_m=1e-6, learn_eps_m=False),
+    "eps_kx_1e-3": _mechanics(eps_kx=1e-3),
     "width_32": _model(width=32, contact_width=16),
     "width_128": _model(width=128, contact_width=64),
     "mlp_width_128": replace(_model(width=128, contact_width=64), kind="mlp"),

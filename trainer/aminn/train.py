@@ -45,7 +45,7 @@ from .run_state import (
 from .symmetry import check_symmetric, mirror_inputs, mirror_targets
 
 # To be raised with every change of the trainer that changes what a run results in.
-TRAINING_VERSION = 3
+TRAINING_VERSION = 4
 BOARD = "tensorboard"
 LEAST_GRASPS = {"train": 5, "validation": 2}
 Inputs = dict[str, Tensor]

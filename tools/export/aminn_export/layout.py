@@ -30,7 +30,7 @@ from aminn.errors import AminnError
 
 from .tables import STAGES, Exported, pair_of
 
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 """Of the C model and the binary (AMINN_FORMAT_VERSION in aminn_rt.h)."""
 TABLES_VERSION = 1
 """Of the tables that the trainer gives."""

@@ -21,6 +21,7 @@ from aminn.dims import (
     DEBUG_SHAPES,
     INPUT_SHAPES,
     JOINTS,
+    N_AUX,
     N_BRANCH,
     N_CONTACT_FEATURE,
     N_CONTACT_INPUT,
@@ -49,6 +50,7 @@ CHOL_ADJUGATE = (
     (0, 5, -1, 2, 1),
     (0, 1, 1, 2, 2),
 )
+LEAST_MOTION_M = 1e-12
 # Coordinates that the off-diagonal entries l10 l20 l21 couple.
 CHOL_PAIRS = ((1, 0), (2, 0), (2, 1))
 UNITS = {
@@ -137,10 +139,14 @@ class _AminnGraph:
     def slog(self, v: str, scale: Array | np.float32, name: str) -> str:
         """sign(v) log(1 + |v| / scale)."""
         g = self.g
-        size = g.op("Abs", v, name=f"{name}_abs")
-        ratio = g.op("Div", size, g.constant(f"{name}_scale", scale), name=f"{name}_ratio")
-        log = g.op("Log", g.op("Add", ratio, g.constant("one", 1.0), name=f"{name}_plus1"), name=f"{name}_log")
+        log = self.log1p(g.op("Abs", v, name=f"{name}_abs"), scale, name)
         return g.op("Mul", g.op("Sign", v, name=f"{name}_sign"), log, name=name)
+
+    def log1p(self, v: str, scale: Array | np.float32, name: str) -> str:
+        """log(1 + v / scale)."""
+        g = self.g
+        ratio = g.op("Div", v, g.constant(f"{name}_scale", scale), name=f"{name}_ratio")
+        return g.op("Log", g.op("Add", ratio, g.constant("one", 1.0), name=f"{name}_plus1"), name=f"{name}_log")
 
     def normalised(self, v: str, mean: Array, inv_std: Array, name: str) -> str:
         """(v - mean) * inv_std."""
@@ -415,17 +421,28 @@ class _AminnGraph:
         stretch = g.op("Mul", springs["alpha"], slack, name="stretch")
         return g.op("Sigmoid", g.op("Add", stretch, springs["rho"], name="gate_logit"), name="gate_col")
 
+    def fade(self, size: str) -> str:
+        """What K_x and gates count for (N, 15) when the tool moves by `size` (N, 1): less beyond L."""
+        g = self.g
+        share = g.op("Div", g.constant("length", self.meta["length_scale"]), size, name="length_by_size")
+        motion = g.constant("aux_is_motion", np.repeat([1.0, 0.0], [N_WRENCH, N_AUX - N_WRENCH]))
+        return g.op("Min", g.op("Max", share, motion, name="share_or_motion"), g.constant("one", 1.0), name="fade")
+
     def classifier(self, f: str, second: dict[str, str], k_scaled: str, gate: str) -> None:
         """p_stable (N) from stage 1's feature and statics."""
         g, t = self.g, self.tensors
         f1, x1 = g.gather(f, 0, 0, "f_s1"), g.gather(second["x_scaled"], 0, 0, "x_scaled_s1")
         k1, gate1 = g.gather(k_scaled, 0, 0, "k_scaled_s1"), g.gather(gate, 0, 0, "gate_classifier")
-        motion = self.slog(x1, np.float32(self.meta["displacement_log_scale"]), "x_log")  # (N, 6)
+        size = g.op("ReduceL2", x1, g.index("axes", [1]), name="x_norm", keepdims=1)
+        size = g.op("Max", size, g.constant("least_motion", LEAST_MOTION_M), name="x_size")  # (N, 1)
+        log = self.log1p(size, np.float32(self.meta["displacement_log_scale"]), "x_size")
+        motion = g.op("Mul", x1, g.op("Div", log, size, name="x_log_by_size"), name="x_log")  # (N, 6)
         flat = g.reshape(k1, [0, N_WRENCH * N_WRENCH], "k_flat")
         diagonal = g.gather(flat, [(N_WRENCH + 1) * i for i in range(N_WRENCH)], 1, "k_diagonal")
         log_diagonal = g.op("Log", diagonal, name="k_diagonal_log")
         aux = g.op("Concat", motion, log_diagonal, gate1, name="aux", axis=1)  # (N, 15)
         a = self.normalised(aux, t["s1.aux_mean"], t["s1.aux_inv_std"], "aux_norm")
+        a = g.op("Mul", a, self.fade(size), name="aux_faded")
         joined = g.op("Concat", f1, a, name="f_aux", axis=1)  # (N, H + 15)
         hidden = self.dense(joined, t["s1.cls1_w"], t["s1.cls1_b"], "cls_hidden")  # (N, HD)
         logit = self.linear(hidden, t["s1.cls2_w"], t["s1.cls2_b"], "logit")  # (N, 1)

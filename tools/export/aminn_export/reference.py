@@ -101,9 +101,12 @@ class Reference:
         """Stage 1's logit (N)."""
         t, s = self.t, self.s
         diagonal = np.diagonal(response["k_x"], axis1=-2, axis2=-1) * s * s
-        motion = _slog(response["dx"] / s, float(self.meta["displacement_log_scale"]))
+        x_s = response["dx"] / s
+        size = np.maximum(np.linalg.norm(x_s, axis=-1, keepdims=True), 1e-12)  # (N, 1)
+        motion = x_s * np.log(1 + size / float(self.meta["displacement_log_scale"])) / size
         aux = np.concatenate([motion, np.log(diagonal), response["gate"]], -1)  # (N, 15)
         aux = (aux - t["s1.aux_mean"]) * t["s1.aux_inv_std"]
+        aux[:, 6:] *= np.minimum(1, float(self.meta["length_scale"]) / size)
         hidden = _relu(np.concatenate([f, aux], -1) @ t["s1.cls1_w"].T + t["s1.cls1_b"])  # (N, HD)
         return (hidden @ t["s1.cls2_w"].T + t["s1.cls2_b"])[:, 0]
 
