@@ -236,6 +236,28 @@ static void a_tool_out_of_reach_gives_an_error_or_a_sound_prediction(void)
     TEST_ASSERT_GREATER_THAN_INT(0, refused);
 }
 
+/* loads from 1e-45 to 3e38 times the sample's: the square of the motion's size may overflow before the motion does */
+static void a_load_of_any_size_gives_an_error_or_a_probability(void)
+{
+    int i, k, refused = 0;
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &aminn_model, AMINN_FLAG_ALWAYS_STAGE2 | AMINN_FLAG_DEBUG));
+    for (i = -45; i <= 38; ++i) {
+        aminn_input_t loaded = in;
+        for (k = 0; k < AMINN_N_WRENCH; ++k) {
+            loaded.w_e[k] = (float)((double)in.w_e[k] * pow(10.0, i));
+        }
+        if (aminn_predict(&ctx, &loaded, &out) == AMINN_OK) {
+            TEST_ASSERT_TRUE(out.p_stable >= 0.0F && out.p_stable <= 1.0F);
+            TEST_ASSERT_TRUE(i < 5 || out.p_stable < 0.5F);
+        } else {
+            TEST_ASSERT_GREATER_THAN_INT(15, i);
+            assert_failed_output(&out);
+            ++refused;
+        }
+    }
+    TEST_ASSERT_GREATER_THAN_INT(0, refused);
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -252,5 +274,6 @@ int main(void)
     RUN_TEST(the_model_and_the_input_are_not_written);
     RUN_TEST(the_debug_view_shows_stage_2s_outputs);
     RUN_TEST(a_tool_out_of_reach_gives_an_error_or_a_sound_prediction);
+    RUN_TEST(a_load_of_any_size_gives_an_error_or_a_probability);
     return UNITY_END();
 }
