@@ -16,6 +16,7 @@
 #include <string>
 #include <vector>
 
+#define EIGEN_MAX_ALIGN_BYTES 64 // what the products promise, also where registers are narrower
 #include <Eigen/Core>
 #include <cblas.h>
 #include <dlfcn.h>
