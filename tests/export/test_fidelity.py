@@ -15,6 +15,7 @@ from aminn_export.adversarial import KINDS, adversarial_states
 from aminn_export.adversarial import closure as own_closure
 from aminn_export.fidelity import SquareRootReference, failures, missed
 from aminn_export.golden import run_onnx, single_thread_session
+from aminn_export.ranges import state_ranges, within_ranges
 from aminn_export.reference import Reference
 from aminn_export.targets import DISPATCHED, HOSTED, replay, replay_all
 from aminn_export.vectors import read_results, write_vectors
@@ -87,6 +88,7 @@ def test_broken_claims_and_missed_aims_are_told_apart() -> None:
         "different_hashes": 1,
         "refused_simulated": 0,
         "simulated_runtime_p_stable_max": 1e-6,
+        "adversarial_in_range_p_stable_max": 1e-6,
     }
     for name in ("simulated", "adversarial"):
         for who in ("runtime", "onnx"):
@@ -96,6 +98,24 @@ def test_broken_claims_and_missed_aims_are_told_apart() -> None:
     worse = figures | {"simulated_runtime_dx_over_condition_max": 0.06}
     assert failures(worse) == [] and "of the runtime 0.06, of ONNX Runtime 0.05" in missed(worse)[0]
     broken = figures | {"different_hashes": 2, "refused_simulated": 3}
-    broken |= {"simulated_runtime_p_stable_max": float("nan"), "adversarial_runtime_p_stable_max": 3e-6}
-    assert [text.split()[0] for text in failures(broken)] == ["the", "3", "simulated:"]
-    assert missed(broken) == ["adversarial: p_stable off by 3e-06"]
+    broken |= {"simulated_runtime_p_stable_max": 1e-5, "adversarial_in_range_p_stable_max": float("nan")}
+    assert [text.split()[0] for text in failures(broken)] == ["the", "3", "simulated:", "adversarial,"]
+    far = figures | {"adversarial_runtime_p_stable_max": 3e-6}
+    assert failures(far) == ["adversarial: p_stable off by 3e-06"]
+    assert missed(far) == ["adversarial: p_stable of the runtime is off by 3e-06, of ONNX Runtime by 1e-06"]
+
+
+def test_states_beyond_the_training_range_are_told_apart() -> None:
+    seen = random_inputs(50, 8)
+    seen["contacts"][0, 0, 0] = 0.0
+    ranges = state_ranges(seen)
+    assert within_ranges(seen, ranges).all()
+    for name, field, i in (("q", 1, 1), ("x_ht", 2, 8 + 2), ("w_e", 5, 8 + 6 + 5)):
+        moved = {k: v.copy() for k, v in seen.items()}
+        moved[name][3, field] = ranges["range_max"][i] + 1e-3
+        assert np.flatnonzero(~within_ranges(moved, ranges)).tolist() == [3]
+    seen["contacts"][:2, 0, 1] = 1e3
+    seen["contacts"][:2, 0, 0] = [0.0, 1.0]
+    assert np.flatnonzero(~within_ranges(seen, ranges)).tolist() == [1], "out of contact, only the flag counts"
+    ranges["range_min"][20] = 0.5
+    assert not within_ranges(seen, ranges)[0], "the flag does"

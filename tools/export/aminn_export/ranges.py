@@ -5,6 +5,8 @@ The runtime notes a state outside of it (AMINN_NOTE_OUT_OF_RANGE).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,8 +19,8 @@ MARGIN = 0.05
 STATE_FIELDS = ("q", "x_ht", "w_e", "contacts")
 
 
-def state_ranges(inputs: dict[str, NDArray]) -> dict[str, NDArray[np.float32]]:
-    """`range_min` and `range_max` (44) over samples; a contact's numbers count where it is one."""
+def _values(inputs: dict[str, NDArray]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """The states' numbers (N, 44) in the order of the fields, and which count: a contact's where it is one."""
     contacts = np.asarray(inputs["contacts"], np.float64)  # (N, 3, 8)
     closed = np.broadcast_to(contacts[..., :1] > 0, contacts.shape).copy()
     closed[..., 0] = True
@@ -26,12 +28,25 @@ def state_ranges(inputs: dict[str, NDArray]) -> dict[str, NDArray[np.float32]]:
     values = np.concatenate([np.asarray(inputs[name], np.float64).reshape(n, -1) for name in STATE_FIELDS], 1)
     counts = np.ones_like(values, bool)
     counts[:, -contacts[0].size :] = closed.reshape(n, -1)
+    return values, counts
+
+
+def state_ranges(inputs: dict[str, NDArray]) -> dict[str, NDArray[np.float32]]:
+    """`range_min` and `range_max` (44) over samples; a contact's numbers count where it is one."""
+    values, counts = _values(inputs)
     low = np.where(counts, values, np.inf).min(0)
     high = np.where(counts, values, -np.inf).max(0)
     seen = low <= high  # a branch that never was in contact has no range: nothing of it is within
     low, high = np.where(seen, low, 0.0), np.where(seen, high, 0.0)
     margin = MARGIN * (high - low)
     return {"range_min": (low - margin).astype(np.float32), "range_max": (high + margin).astype(np.float32)}
+
+
+def within_ranges(inputs: dict[str, NDArray], ranges: Mapping[str, NDArray[np.float32]]) -> NDArray[np.bool_]:
+    """Which states (N,) the runtime does not note as out of range; `ranges` as of `state_ranges`."""
+    values, counts = _values(inputs)
+    values = values.astype(np.float32)
+    return ((values >= ranges["range_min"]) & (values <= ranges["range_max"]) | ~counts).all(1)
 
 
 def training_ranges(dataset: Dataset) -> dict[str, NDArray[np.float32]]:
