@@ -10,12 +10,6 @@ inline namespace AMINN_CORE {
 
 constexpr int kBranchFeature = AMINN_N_BRANCH_FEATURE;
 
-// of a signed logarithm: sign(v) log(1 + |v| / scale)
-AMINN_INLINE float logged(float v, float scale)
-{
-    return 1.0F + std::fabs(v) / scale;
-}
-
 // out = (v - mean) * inv_std
 static void normalise(const float *v, const float *mean, const float *inv_std, int n, float *out)
 {
@@ -38,7 +32,7 @@ static void make_network_input(const aminn_model_t &model, const aminn_input_t &
     std::memcpy(ctx.global_input, &in, kContacts * sizeof(float)); // q, x_ht and w_e, with which it begins
     float *g = ctx.global_input + kContacts;
     for (int i = 0; i < AMINN_N_WRENCH; ++i) {
-        g[i] = std::copysign(logarithm(logged(in.w_e[i], model.wrench_log_scale[i])), in.w_e[i]);
+        g[i] = std::copysign(logarithm(1.0F + std::fabs(in.w_e[i]) / model.wrench_log_scale[i]), in.w_e[i]);
     }
 }
 

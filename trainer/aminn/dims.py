@@ -35,6 +35,8 @@ N_AUX = 2 * N_WRENCH + N_BRANCH  # what stage 1's classifier sees of the statics
 
 # Length that makes rotations comparable with translations, in the 6x6 solve and in every pose error (m).
 LENGTH_SCALE_M = 0.1
+# Least size of a motion that is divided by, so that no motion at all can be (m).
+LEAST_MOTION_M = 1e-12
 
 INPUT_SHAPES: dict[str, tuple[int, ...]] = {
     "q": (N_JOINT,),

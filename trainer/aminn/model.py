@@ -16,6 +16,7 @@ from torch import Tensor, nn
 
 from .config import MechanicsConfig, ModelConfig
 from .dims import (
+    LEAST_MOTION_M,
     LENGTH_SCALE_M,
     N_AUX,
     N_BRANCH,
@@ -198,10 +199,6 @@ class Backbone(nn.Module):
         return self.respond(self.springs_from_head(y), x)
 
 
-LEAST_MOTION_M = 1e-12
-"""So that no motion at all can be divided by."""
-
-
 def motion_size(r: Response) -> Tensor:
     """Size of the motion with rotations times L (N, 1), m."""
     return torch.linalg.vector_norm(r.x_scaled, dim=-1, keepdim=True).clamp_min(LEAST_MOTION_M)
@@ -223,21 +220,22 @@ class Stage1(nn.Module):
         with torch.no_grad():
             # Centred on the nominal hand. Logarithms keep their scale: a stiffness that hardly varies over the data
             # would be magnified, and its rounding error with it. Gates are scaled by their range.
-            self.aux_norm.mean.copy_(self._statics(self.backbone.nominal_response(x)).mean(0))
+            nominal = self.backbone.nominal_response(x)
+            self.aux_norm.mean.copy_(self._statics(nominal, motion_size(nominal)).mean(0))
             self.aux_norm.mean[-N_BRANCH:] = 0.5
             self.aux_norm.inv_std[-N_BRANCH:] = 2.0
 
-    def _statics(self, r: Response) -> Tensor:
-        """What the statics say (N, 15): motion, its size in logarithm; log diag(K_x); gates."""
-        size = motion_size(r)
+    def _statics(self, r: Response, size: Tensor) -> Tensor:
+        """What the statics say (N, 15): motion, its size (N, 1) in logarithm; log diag(K_x); gates."""
         log_size = torch.log(1 + size / self.config.displacement_log_scale)
         diag = torch.log(torch.diagonal(r.k_scaled, dim1=-2, dim2=-1))  # (N, 6)
         return torch.cat([r.x_scaled * (log_size / size), diag, r.gate], -1)
 
     def _aux(self, r: Response) -> Tensor:
         """The same normalised. K_x and gates count the less, the further beyond L the linear statics move the tool."""
-        motion, stiffness = self.aux_norm(self._statics(r)).split([N_WRENCH, N_AUX - N_WRENCH], -1)
-        return torch.cat([motion, stiffness * (LENGTH_SCALE_M / motion_size(r)).clamp_max(1)], -1)
+        size = motion_size(r)
+        motion, stiffness = self.aux_norm(self._statics(r, size)).split([N_WRENCH, N_AUX - N_WRENCH], -1)
+        return torch.cat([motion, stiffness * (LENGTH_SCALE_M / size).clamp_max(1)], -1)
 
     def forward(self, x: dict[str, Tensor]) -> tuple[Tensor, Springs, Response]:
         """Logit (N), springs, response."""

@@ -21,6 +21,7 @@ from aminn.dims import (
     DEBUG_SHAPES,
     INPUT_SHAPES,
     JOINTS,
+    LEAST_MOTION_M,
     N_AUX,
     N_BRANCH,
     N_CONTACT_FEATURE,
@@ -50,7 +51,6 @@ CHOL_ADJUGATE = (
     (0, 5, -1, 2, 1),
     (0, 1, 1, 2, 2),
 )
-LEAST_MOTION_M = 1e-12
 # Coordinates that the off-diagonal entries l10 l20 l21 couple.
 CHOL_PAIRS = ((1, 0), (2, 0), (2, 1))
 UNITS = {
