@@ -32,48 +32,56 @@ AMINN_INLINE float value_of(uint16_t w)
 
 #if AMINN_LANES
 
-#if defined(__AVX__) // with AVX-512 too: a row of 39 outputs seldom begins where a cache line does
+#if defined(__AVX__)
 using Register = float __attribute__((vector_size(32)));
 #else
 using Register = float __attribute__((vector_size(16)));
 #endif
-constexpr int kRegister = sizeof(Register) / sizeof(float);
+#if defined(__AVX512F__) // a cache line: for rows of whole lines only, a row of 39 outputs seldom begins where one does
+using LineRegister = float __attribute__((vector_size(64)));
+#else
+using LineRegister = Register;
+#endif
+template <class AnyRegister>
+constexpr int kLanes = sizeof(AnyRegister) / sizeof(float);
 constexpr int kRegisters = 5; // of outputs at most: with two sums each, and one for a weight, they fit 16
 
-AMINN_INLINE void load(const float *w, Register &r)
+template <class AnyRegister>
+AMINN_INLINE void load(const float *w, AnyRegister &r)
 {
     std::memcpy(&r, w, sizeof r);
 }
 
-AMINN_INLINE void load(const uint16_t *w, Register &r)
+template <class AnyRegister>
+AMINN_INLINE void load(const uint16_t *w, AnyRegister &r)
 {
-    float values[kRegister];
-    for (int k = 0; k < kRegister; ++k) {
+    float values[kLanes<AnyRegister>];
+    for (int k = 0; k < kLanes<AnyRegister>; ++k) {
         values[k] = value_of(w[k]);
     }
     std::memcpy(&r, values, sizeof r);
 }
 
 // kCount registers of outputs, side by side but for the last, which begins at `last`
-template <int kCount, class Weight>
+template <class AnyRegister, int kCount, class Weight>
 AMINN_INLINE void dense_block(const Weight *w, int step, const float *b, const float *x, int n_in, int last,
                               float floor, float *y)
 {
-    const auto place = [last](int k) { return k < kCount - 1 ? k * kRegister : last; };
-    Register even[kCount];
-    Register odd[kCount];
+    const auto place = [last](int k) { return k < kCount - 1 ? k * kLanes<AnyRegister> : last; };
+    AnyRegister even[kCount];
+    AnyRegister odd[kCount];
     AMINN_UNROLL_ROWS
     for (int k = 0; k < kCount; ++k) {
-        Register r;
+        AnyRegister r;
         load(b + place(k), r);
         even[k] = r;
-        odd[k] = -Register{};
+        odd[k] = -AnyRegister{};
     }
     int i = 0;
-    const auto add = [&](Register(&sums)[kCount], const Weight *row, float factor) {
+    const auto add = [&](AnyRegister(&sums)[kCount], const Weight *row, float factor) {
         AMINN_UNROLL_ROWS
         for (int k = 0; k < kCount; ++k) {
-            Register r;
+            AnyRegister r;
             load(row + place(k), r);
             sums[k] = sums[k] + r * factor;
         }
@@ -89,22 +97,25 @@ AMINN_INLINE void dense_block(const Weight *w, int step, const float *b, const f
     AMINN_UNROLL_ROWS
     for (int k = 0; k < kCount; ++k) {
         even[k] = even[k] + odd[k];
-        even[k] = even[k] < floor ? Register{} : even[k];
+        even[k] = even[k] < floor ? AnyRegister{} : even[k];
         std::memcpy(y + place(k), &even[k], sizeof even[k]);
     }
 }
 
-template <class Weight>
+template <class AnyRegister, class Weight>
 [[gnu::noinline]] void dense_of(const Weight *w, const float *b, const float *x, int n_in, int n_out, float floor,
                                 float *y)
 {
+    constexpr int kWide = kLanes<AnyRegister>;
     int at = 0;
-    for (; n_out - at > kRegisters * kRegister; at += 4 * kRegister) { // a register or more is left
-        dense_block<4>(w + at, n_out, b + at, x, n_in, 3 * kRegister, floor, y + at);
+    for (; n_out - at > kRegisters * kWide; at += 4 * kWide) { // a register or more is left
+        dense_block<AnyRegister, 4>(w + at, n_out, b + at, x, n_in, 3 * kWide, floor, y + at);
     }
-    const int last = n_out - at - kRegister; // of the rest; the last register may share outputs with the one before it
-    const auto rest = [&](auto count) { dense_block<count>(w + at, n_out, b + at, x, n_in, last, floor, y + at); };
-    switch ((last + kRegister - 1) / kRegister) {
+    const int last = n_out - at - kWide; // of the rest; the last register may share outputs with the one before it
+    const auto rest = [&](auto count) {
+        dense_block<AnyRegister, count>(w + at, n_out, b + at, x, n_in, last, floor, y + at);
+    };
+    switch ((last + kWide - 1) / kWide) {
     case 0:
         rest(std::integral_constant<int, 1>());
         break;
@@ -120,6 +131,17 @@ template <class Weight>
     default:
         rest(std::integral_constant<int, kRegisters>());
         break;
+    }
+}
+
+template <class Weight>
+AMINN_INLINE void dense_by_registers(const Weight *w, const float *b, const float *x, int n_in, int n_out, float floor,
+                                     float *y)
+{
+    if (n_out % kLanes<LineRegister> == 0) {
+        dense_of<LineRegister>(w, b, x, n_in, n_out, floor, y);
+    } else {
+        dense_of<Register>(w, b, x, n_in, n_out, floor, y);
     }
 }
 
@@ -199,12 +221,12 @@ inline void dense(const void *w, uint32_t weight_type, const float *b, const flo
     const auto *w16 = static_cast<const uint16_t *>(w);
     const bool half = weight_type == AMINN_WEIGHTS_FLOAT16;
 #if AMINN_LANES
-    if (n_out >= kRegister && half) {
-        dense_of(w16, b, x, n_in, n_out, floor, y);
+    if (n_out >= kLanes<Register> && half) {
+        dense_by_registers(w16, b, x, n_in, n_out, floor, y);
         return;
     }
-    if (n_out >= kRegister) {
-        dense_of(w32, b, x, n_in, n_out, floor, y);
+    if (n_out >= kLanes<Register>) {
+        dense_by_registers(w32, b, x, n_in, n_out, floor, y);
         return;
     }
 #endif
