@@ -4,9 +4,9 @@
 //     | | =  | |  +  |   | x0 + |   | x1 + ...
 //
 // Each output has two sums, of its even and of its odd inputs, added in the end (the latter begins with -0, which adds
-// nothing to any number): half the rounding errors of one sum, and
-// twice as many independent operations. A block of outputs stays in registers while the weights stream by. The last
-// block may overlap the one before it: its outputs are computed again, with the same result.
+// nothing to any number): half the rounding errors of one sum, and twice as many independent operations. A block of
+// outputs stays in registers while the weights stream by. The last block may overlap the one before it: its outputs are
+// computed again, with the same result.
 #ifndef AMINN_SRC_DENSE_HPP
 #define AMINN_SRC_DENSE_HPP
 
@@ -106,16 +106,16 @@ template <class AnyRegister, class Weight>
 [[gnu::noinline]] void dense_of(const Weight *w, const float *b, const float *x, int n_in, int n_out, float floor,
                                 float *y)
 {
-    constexpr int kWide = kLanes<AnyRegister>;
+    constexpr int kWidth = kLanes<AnyRegister>;
     int at = 0;
-    for (; n_out - at > kRegisters * kWide; at += 4 * kWide) { // a register or more is left
-        dense_block<AnyRegister, 4>(w + at, n_out, b + at, x, n_in, 3 * kWide, floor, y + at);
+    for (; n_out - at > kRegisters * kWidth; at += 4 * kWidth) { // a register or more is left
+        dense_block<AnyRegister, 4>(w + at, n_out, b + at, x, n_in, 3 * kWidth, floor, y + at);
     }
-    const int last = n_out - at - kWide; // of the rest; the last register may share outputs with the one before it
+    const int last = n_out - at - kWidth; // of the rest; the last register may share outputs with the one before it
     const auto rest = [&](auto count) {
         dense_block<AnyRegister, count>(w + at, n_out, b + at, x, n_in, last, floor, y + at);
     };
-    switch ((last + kWide - 1) / kWide) {
+    switch ((last + kWidth - 1) / kWidth) {
     case 0:
         rest(std::integral_constant<int, 1>());
         break;
@@ -221,12 +221,9 @@ inline void dense(const void *w, uint32_t weight_type, const float *b, const flo
     const auto *w16 = static_cast<const uint16_t *>(w);
     const bool half = weight_type == AMINN_WEIGHTS_FLOAT16;
 #if AMINN_LANES
-    if (n_out >= kLanes<Register> && half) {
-        dense_by_registers(w16, b, x, n_in, n_out, floor, y);
-        return;
-    }
     if (n_out >= kLanes<Register>) {
-        dense_by_registers(w32, b, x, n_in, n_out, floor, y);
+        half ? dense_by_registers(w16, b, x, n_in, n_out, floor, y)
+             : dense_by_registers(w32, b, x, n_in, n_out, floor, y);
         return;
     }
 #endif
