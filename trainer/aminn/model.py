@@ -220,22 +220,21 @@ class Stage1(nn.Module):
         with torch.no_grad():
             # Centred on the nominal hand. Logarithms keep their scale: a stiffness that hardly varies over the data
             # would be magnified, and its rounding error with it. Gates are scaled by their range.
-            nominal = self.backbone.nominal_response(x)
-            self.aux_norm.mean.copy_(self._statics(nominal, motion_size(nominal)).mean(0))
+            self.aux_norm.mean.copy_(self._statics(self.backbone.nominal_response(x)).mean(0))
             self.aux_norm.mean[-N_BRANCH:] = 0.5
             self.aux_norm.inv_std[-N_BRANCH:] = 2.0
 
-    def _statics(self, r: Response, size: Tensor) -> Tensor:
-        """What the statics say (N, 15): motion, its size (N, 1) in logarithm; log diag(K_x); gates."""
+    def _statics(self, r: Response) -> Tensor:
+        """What the statics say (N, 15): motion, its size in logarithm; log diag(K_x); gates."""
+        size = motion_size(r)
         log_size = torch.log(1 + size / self.config.displacement_log_scale)
         diag = torch.log(torch.diagonal(r.k_scaled, dim1=-2, dim2=-1))  # (N, 6)
         return torch.cat([r.x_scaled * (log_size / size), diag, r.gate], -1)
 
     def _aux(self, r: Response) -> Tensor:
         """The same normalised. K_x and gates count the less, the further beyond L the linear statics move the tool."""
-        size = motion_size(r)
-        motion, stiffness = self.aux_norm(self._statics(r, size)).split([N_WRENCH, N_AUX - N_WRENCH], -1)
-        return torch.cat([motion, stiffness * (LENGTH_SCALE_M / size).clamp_max(1)], -1)
+        motion, stiffness = self.aux_norm(self._statics(r)).split([N_WRENCH, N_AUX - N_WRENCH], -1)
+        return torch.cat([motion, stiffness * (LENGTH_SCALE_M / motion_size(r)).clamp_max(1)], -1)
 
     def forward(self, x: dict[str, Tensor]) -> tuple[Tensor, Springs, Response]:
         """Logit (N), springs, response."""
