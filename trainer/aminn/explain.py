@@ -21,7 +21,6 @@ from .metrics import pose_error, pose_size
 from .nominal import CHOL_COLS, CHOL_ROWS
 
 Array = NDArray[np.float64]
-LABEL = {"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 1.0}
 PICTURES = (".png", ".svg", ".pdf")
 
 
@@ -163,7 +162,7 @@ def draw(e: Explanation, out: Path) -> None:
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-    from .grasp_picture import BRANCH_COLOURS, branch_points, draw_scene
+    from .grasp_picture import BRANCH_COLOURS, LABEL, branch_points, draw_scene
 
     if out.suffix not in PICTURES:
         raise AminnError(f"{out}: pictures are written as {', '.join(PICTURES)}")

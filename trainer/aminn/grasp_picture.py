@@ -19,6 +19,7 @@ BRANCH_COLOURS = ("#1f5fa8", "#3a8f5c", "#8a5aa6")
 TOOL_COLOUR = "#d9a441"
 LOAD_COLOUR = "#b03a48"
 GHOST = "#9a9a9a"
+LABEL = {"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 1.0}
 LIGHT = np.array([0.4, -0.5, 0.77])
 # Motions smaller than this are drawn larger, and the caption says so.
 VISIBLE_M = 0.006
@@ -210,7 +211,8 @@ def _draw_load(ax: Axes3D, w_e: Array, tool_size_m: Array, pose: Array) -> None:
     a = math.radians(_azimuth(force))
     to_the_right = math.cos(a) * force[1] - math.sin(a) * force[0] >= 0
     side = "left" if to_the_right else "right"
-    ax.text(*(start + 1.15 * vector), f"{size:.1f} N", color=LOAD_COLOUR, fontsize=9, ha=side, va="center")
+    text = {"color": LOAD_COLOUR, "fontsize": 9, "ha": side, "va": "center", "bbox": LABEL, "zorder": 101}
+    ax.text(*(start + 1.15 * vector), f"{size:.1f} N", **text)
 
 
 def _azimuth(force: Array) -> float:

@@ -18,6 +18,7 @@ import jinja2
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
 from .checkpoint import write_atomically
@@ -239,6 +240,7 @@ def training_figure(histories: Mapping[str, Mapping[str, Mapping[str, Sequence[f
                     np.arange(1, len(values) + 1), values, color=colour, linestyle=style, linewidth=width, label=label
                 )
         ax.set_yscale("log")
+        ax.yaxis.set_minor_locator(LogLocator(subs=(2, 5)))  # more labels would touch
         ax.yaxis.set_major_formatter("{x:g}")
         ax.yaxis.set_minor_formatter("{x:g}")
         _tidy(ax, "epoch", "loss", texts.get(stage, stage))
