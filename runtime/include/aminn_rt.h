@@ -86,7 +86,7 @@ extern "C" {
 #define AMINN_VERSION_STRING "0.1.0"
 
 /* Version of the model's layout, in memory and as a blob. A model of another version is refused. */
-#define AMINN_FORMAT_VERSION 4u
+#define AMINN_FORMAT_VERSION 5u
 
 /* ---- Dimensions ------------------------------------------------------------------------------------------------ */
 
@@ -97,11 +97,13 @@ extern "C" {
 #define AMINN_N_WRENCH 6          /* force 3, moment 3; also position 3, rotation vector 3 */
 #define AMINN_N_STAGE 2           /* stage 1: does it hold? stage 2: how far does it move? */
 
-/* Inputs of the networks, derived from the above. */
+/* Inputs and outputs of the networks, derived from the above. Rows of the head's weights end with zeros, so that 8 weights
+ * that are loaded together lie in one line of a processor's cache. */
 #define AMINN_N_BRANCH_FEATURE (AMINN_N_CONTACT_FEATURE + 3 * AMINN_N_COORD)                          /* 17 */
 #define AMINN_N_CONTACT_INPUT (AMINN_N_BRANCH * AMINN_N_BRANCH_FEATURE)                               /* 51 */
 #define AMINN_N_GLOBAL_INPUT (AMINN_N_JOINT + 3 * AMINN_N_WRENCH)                                     /* 26 */
 #define AMINN_N_HEAD (AMINN_N_BRANCH * 13)                                                            /* 39 */
+#define AMINN_N_HEAD_STORED ((AMINN_N_HEAD + 7) / 8 * 8)                                              /* 40 */
 #define AMINN_N_AUX (2 * AMINN_N_WRENCH + AMINN_N_BRANCH)                                             /* 15 */
 #define AMINN_N_STATE (AMINN_N_JOINT + 2 * AMINN_N_WRENCH + AMINN_N_BRANCH * AMINN_N_CONTACT_FEATURE) /* 44 */
 
@@ -167,8 +169,8 @@ typedef struct aminn_stage_model {
     const float *trunk1_b;        /* (H) */
     const void *trunk2_w;         /* (H x H) */
     const float *trunk2_b;        /* (H) */
-    const void *head_w;           /* (H x 39)        mechanics head: 13 corrections, each for the 3 branches */
-    const float *head_b;          /* (39) */
+    const void *head_w;           /* (H x 40)        mechanics head: 13 corrections for each branch, and a zero */
+    const float *head_b;          /* (40) */
 } aminn_stage_model_t;
 
 /* A trained model: constants and pointers to its tables. Written by `aminn export` as C source, or filled in by
@@ -308,7 +310,7 @@ typedef struct aminn_context {
     float layer_in[AMINN_MAX_WIDTH + AMINN_N_CONTACT_INPUT];
     float layer_out[AMINN_MAX_WIDTH];
     float feature[AMINN_MAX_WIDTH + AMINN_N_AUX];
-    float head[AMINN_N_HEAD];
+    float head[AMINN_N_HEAD_STORED];
 } aminn_t;
 
 /* Compute stage 2 also when stage 1 says that the grasp does not hold, so that dx_ht, k_x and gate are always numbers.

@@ -37,7 +37,7 @@ using Register = float __attribute__((vector_size(32)));
 #else
 using Register = float __attribute__((vector_size(16)));
 #endif
-#if defined(__AVX512F__) // a cache line: for rows of whole lines only, a row of 39 outputs seldom begins where one does
+#if defined(__AVX512F__) // a cache line: for rows of whole lines only, others begin within one
 using LineRegister = float __attribute__((vector_size(64)));
 #else
 using LineRegister = Register;

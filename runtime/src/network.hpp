@@ -49,7 +49,7 @@ static void run_backbone(const aminn_model_t &model, const aminn_stage_model_t &
     dense(stage.trunk1_w, model.weight_type, stage.trunk1_b, ctx.layer_in, hc + AMINN_N_GLOBAL_INPUT, h, kRectified,
           ctx.layer_out);
     dense(stage.trunk2_w, model.weight_type, stage.trunk2_b, ctx.layer_out, h, h, kRectified, ctx.feature);
-    dense(stage.head_w, model.weight_type, stage.head_b, ctx.feature, h, AMINN_N_HEAD, kLinear, ctx.head);
+    dense(stage.head_w, model.weight_type, stage.head_b, ctx.feature, h, AMINN_N_HEAD_STORED, kLinear, ctx.head);
 }
 
 constexpr float kLeastMotion = 1e-12F; // m, so that no motion at all can be divided by

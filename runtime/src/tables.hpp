@@ -38,7 +38,8 @@ struct TableInfo {
         AMINN_TABLE(stage[i].contact_b, kContactWidth, 1, false),                                                    \
         AMINN_TABLE(stage[i].trunk1_w, kTrunkInput, kWidth, true), AMINN_TABLE(stage[i].trunk1_b, kWidth, 1, false), \
         AMINN_TABLE(stage[i].trunk2_w, kWidth, kWidth, true), AMINN_TABLE(stage[i].trunk2_b, kWidth, 1, false),      \
-        AMINN_TABLE(stage[i].head_w, kWidth, AMINN_N_HEAD, true), AMINN_TABLE(stage[i].head_b, AMINN_N_HEAD, 1, false)
+        AMINN_TABLE(stage[i].head_w, kWidth, AMINN_N_HEAD_STORED, true),                                             \
+        AMINN_TABLE(stage[i].head_b, AMINN_N_HEAD_STORED, 1, false)
 
 constexpr TableInfo kTables[] = {
     AMINN_TABLE(wrench_log_scale, AMINN_N_WRENCH, 1, false),

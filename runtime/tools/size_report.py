@@ -122,9 +122,10 @@ class CallGraph:
 
 
 def multiply_accumulates(source: Path, model: str) -> int:
-    """Weights of the model, each used once in a prediction with both stages."""
-    text = source.read_text()
-    return sum(int(n) for n in re.findall(rf"static const \w+ {model}_\w+_w\[(\d+)\]", text))
+    """Weights of the model but for zeros, which fill up rows: each is used once in a prediction with both stages."""
+    tables = re.findall(rf"static const \w+ {model}_\w+_w\[\d+\] = {{(.*?)}};", source.read_text(), re.DOTALL)
+    weights = [literal.strip() for table in tables for literal in table.split(",")]
+    return sum(literal not in ("0.0f", "-0.0f", "0x0000u", "0x8000u") for literal in weights)
 
 
 def measure(build: Path, report: Path, model_source: Path) -> dict[str, float]:

@@ -17,7 +17,7 @@ def macro(name: str) -> int:
     """Value of a macro of the header, with the macros in it replaced."""
     text = re.search(rf"#define {name} (.+?)(?: */\*.*)?$", HEADER, re.MULTILINE).group(1)
     text = re.sub(r"AMINN_\w+", lambda m: str(macro(m.group(0))), text)
-    return int(eval(text.rstrip("u"), {"__builtins__": {}}))
+    return int(eval(text.rstrip("u").replace("/", "//"), {"__builtins__": {}}))
 
 
 def test_dimensions() -> None:
@@ -32,6 +32,7 @@ def test_network_dimensions() -> None:
     assert macro("AMINN_N_CONTACT_INPUT") == dims.N_CONTACT_INPUT
     assert macro("AMINN_N_GLOBAL_INPUT") == dims.N_GLOBAL_INPUT
     assert macro("AMINN_N_HEAD") == dims.N_HEAD
+    assert macro("AMINN_N_HEAD_STORED") == layout.N_HEAD_STORED
     assert macro("AMINN_N_AUX") == dims.N_AUX
     assert macro("AMINN_FORMAT_VERSION") == layout.FORMAT_VERSION
 

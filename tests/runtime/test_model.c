@@ -135,7 +135,7 @@ static void a_weight_that_is_no_number_is_refused(void)
     const uint32_t h = model.width;
     REFUSED_VALUE(stage[0].trunk2_w, h * h, h * h - 1, NAN);
     REFUSED_VALUE(stage[1].trunk2_w, h * h, 0, INFINITY);
-    REFUSED_VALUE(stage[1].head_b, AMINN_N_HEAD, AMINN_N_HEAD - 1, -INFINITY);
+    REFUSED_VALUE(stage[1].head_b, AMINN_N_HEAD_STORED, AMINN_N_HEAD_STORED - 1, -INFINITY);
     REFUSED_VALUE(cls2_b, 1, 0, NAN);
     REFUSED_VALUE(geom_axis, 27, 26, NAN);
 }

@@ -30,7 +30,7 @@ from aminn.errors import AminnError
 
 from .tables import STAGES, Exported, pair_of
 
-FORMAT_VERSION = 4
+FORMAT_VERSION = 5
 """Of the C model and the binary (AMINN_FORMAT_VERSION in aminn_rt.h)."""
 TABLES_VERSION = 1
 """Of the tables that the trainer gives."""
@@ -42,6 +42,8 @@ N_STATE = N_JOINT + 2 * N_WRENCH + N_BRANCH * N_CONTACT_FEATURE
 # Outputs of the mechanics head in C, as places in a branch's row of the exported model (Cholesky diagonal 0-2, entries
 # 10 20 21 at 3-5, direction 6-8, gain 9, alpha 10, beta 11, rho 12): what tanh and exp are applied to stands first.
 HEAD_ORDER = (0, 1, 2, 9, 10, 3, 4, 5, 6, 7, 8, 11, 12)
+N_HEAD_STORED = -(-N_HEAD // 8) * 8
+"""With the zeros behind them (AMINN_N_HEAD_STORED)."""
 SCALARS = ("length_scale", "log_range", "displacement_log_scale", "tau")
 STAGE_SCALARS = ("eps_m", "eps_kx", "eps_jq")
 
@@ -131,6 +133,11 @@ def head_rows() -> NDArray[np.int64]:
     return np.array([N_BRANCH_HEAD * b + place for place in HEAD_ORDER for b in range(N_BRANCH)])
 
 
+def stored_shape(field: str, shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Shape of a table in C, weights [out][in]: the exported tensor's, with the zeros behind the head's outputs."""
+    return (N_HEAD_STORED, *shape[1:]) if field.startswith("head_") else shape
+
+
 def is_weight(field: str) -> bool:
     """Whether a table holds weights, which may be float16."""
     return field.endswith("_w")
@@ -139,7 +146,7 @@ def is_weight(field: str) -> bool:
 def _stored(field: str, value: NDArray[np.float32], weights: str) -> NDArray[np.floating]:
     """A table's values in the order and type of C."""
     if field.startswith("head_"):
-        value = value[head_rows()]
+        value = np.concatenate([value[head_rows()], np.zeros((N_HEAD_STORED - N_HEAD, *value.shape[1:]), np.float32)])
     if not is_weight(field):
         return np.ascontiguousarray(value).ravel()
     stored = np.ascontiguousarray(value.T, WEIGHT_TYPES[weights]).ravel()
@@ -150,6 +157,7 @@ def _stored(field: str, value: NDArray[np.float32], weights: str) -> NDArray[np.
 
 def restored(field: str, flat: NDArray[np.floating], shape: tuple[int, ...]) -> NDArray[np.float32]:
     """The inverse of `_stored`: a tensor of the exported model."""
+    shape = stored_shape(field, shape)
     value = flat.reshape(shape[::-1]).T if is_weight(field) else flat.reshape(shape)
     if field.startswith("head_"):
         value = value[np.argsort(head_rows())]
