@@ -306,7 +306,7 @@ typedef struct aminn_context {
     aminn_stage_debug_t stage[AMINN_N_STAGE];
     aminn_input_t input; /* of aminn_predict_state: the state and its closure */
     float contact_input[AMINN_N_CONTACT_INPUT];
-    float global_input[AMINN_N_GLOBAL_INPUT];
+    float slog_w[AMINN_N_WRENCH];
     float layer_in[AMINN_MAX_WIDTH + AMINN_N_CONTACT_INPUT];
     float layer_out[AMINN_MAX_WIDTH];
     float feature[AMINN_MAX_WIDTH + AMINN_N_AUX];

@@ -32,7 +32,7 @@ static_assert(offsetof(aminn_output_t, condition) - offsetof(aminn_output_t, dx_
 bool run_stage(aminn_t &ctx, int i, const Scene &scene, const aminn_input_t &in, StaticsSummary &summary)
 {
     const aminn_model_t &model = *ctx.model;
-    run_backbone(model, model.stage[i], ctx);
+    run_backbone(model, model.stage[i], in, ctx);
     springs_from_head(model, ctx.head, ctx.stage[i]);
     const bool debug = (ctx.flags & AMINN_FLAG_DEBUG) != 0;
     const unsigned wanted = debug ? kStiffness | kDeflection : i == 0 ? 0u : kStiffness;

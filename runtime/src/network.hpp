@@ -18,26 +18,29 @@ static void normalise(const float *v, const float *mean, const float *inv_std, i
     }
 }
 
-// contact_input: per branch [c, c * contact features, c * j_q]; global_input: [q, x_ht, w_e, slog(w_e)]
+// contact_input: per branch [c, c * contact features, c * j_q]; slog_w: w_e in signed logarithm
 static void make_network_input(const aminn_model_t &model, const aminn_input_t &in, aminn_t &ctx)
 {
     for (int b = 0; b < kBranch; ++b) {
         float *u = ctx.contact_input + b * kBranchFeature;
-        std::memcpy(u, in.contacts[b], sizeof in.contacts[b]);
-        std::memcpy(u + AMINN_N_CONTACT_FEATURE, in.j_q[b], sizeof in.j_q[b]);
-        for (int i = 1; i < kBranchFeature; ++i) {
-            u[i] = u[0] * u[i];
+        const float *contact = in.contacts[b];
+        const auto *joints = reinterpret_cast<const float *>(in.j_q[b]);
+        for (int i = 0; i < AMINN_N_CONTACT_FEATURE; ++i) {
+            u[i] = (i == 0 ? 1.0F : contact[0]) * contact[i];
+        }
+        for (int i = 0; i < 3 * AMINN_N_COORD; ++i) {
+            u[AMINN_N_CONTACT_FEATURE + i] = contact[0] * joints[i];
         }
     }
-    std::memcpy(ctx.global_input, &in, kContacts * sizeof(float)); // q, x_ht and w_e, with which it begins
-    float *g = ctx.global_input + kContacts;
     for (int i = 0; i < AMINN_N_WRENCH; ++i) {
-        g[i] = std::copysign(logarithm(1.0F + std::fabs(in.w_e[i]) / model.wrench_log_scale[i]), in.w_e[i]);
+        const float w = in.w_e[i];
+        ctx.slog_w[i] = std::copysign(logarithm(1.0F + std::fabs(w) / model.wrench_log_scale[i]), w);
     }
 }
 
 // ctx.feature = f, ctx.head = mechanics head of f
-static void run_backbone(const aminn_model_t &model, const aminn_stage_model_t &stage, aminn_t &ctx)
+static void run_backbone(const aminn_model_t &model, const aminn_stage_model_t &stage, const aminn_input_t &in,
+                         aminn_t &ctx)
 {
     const int hc = static_cast<int>(model.contact_width);
     const int h = static_cast<int>(model.width);
@@ -45,7 +48,10 @@ static void run_backbone(const aminn_model_t &model, const aminn_stage_model_t &
     normalise(ctx.contact_input, stage.contact_mean, stage.contact_inv_std, AMINN_N_CONTACT_INPUT, contact);
     dense(stage.contact_w, model.weight_type, stage.contact_b, contact, AMINN_N_CONTACT_INPUT, hc, kRectified,
           ctx.layer_in);
-    normalise(ctx.global_input, stage.global_mean, stage.global_inv_std, AMINN_N_GLOBAL_INPUT, ctx.layer_in + hc);
+    float *global = ctx.layer_in + hc; // q, x_ht and w_e, with which the input begins, and slog_w
+    normalise(reinterpret_cast<const float *>(&in), stage.global_mean, stage.global_inv_std, kContacts, global);
+    normalise(ctx.slog_w, stage.global_mean + kContacts, stage.global_inv_std + kContacts, AMINN_N_WRENCH,
+              global + kContacts);
     dense(stage.trunk1_w, model.weight_type, stage.trunk1_b, ctx.layer_in, hc + AMINN_N_GLOBAL_INPUT, h, kRectified,
           ctx.layer_out);
     dense(stage.trunk2_w, model.weight_type, stage.trunk2_b, ctx.layer_out, h, h, kRectified, ctx.feature);
