@@ -23,13 +23,14 @@ static void make_network_input(const aminn_model_t &model, const aminn_input_t &
 {
     for (int b = 0; b < kBranch; ++b) {
         float *u = ctx.contact_input + b * kBranchFeature;
-        const float *contact = in.contacts[b];
-        const auto *joints = reinterpret_cast<const float *>(in.j_q[b]);
-        for (int i = 0; i < AMINN_N_CONTACT_FEATURE; ++i) {
-            u[i] = (i == 0 ? 1.0F : contact[0]) * contact[i];
+        const auto *j_q = reinterpret_cast<const float *>(in.j_q[b]);
+        const float c = in.contacts[b][0];
+        u[0] = c;
+        for (int i = 1; i < AMINN_N_CONTACT_FEATURE; ++i) {
+            u[i] = c * in.contacts[b][i];
         }
         for (int i = 0; i < 3 * AMINN_N_COORD; ++i) {
-            u[AMINN_N_CONTACT_FEATURE + i] = contact[0] * joints[i];
+            u[AMINN_N_CONTACT_FEATURE + i] = c * j_q[i];
         }
     }
     for (int i = 0; i < AMINN_N_WRENCH; ++i) {

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from runtime_models import RandomModel, random_model
 
+from aminn.dims import N_HEAD
 from aminn.errors import AminnError
 from aminn_export.bin_model import bin_model_bytes, read_bin_model, write_bin_model
 from aminn_export.c_model import c_model_texts, float_literal, write_c_model
+from aminn_export.layout import N_HEAD_STORED, layout_of
 
 
 @pytest.fixture(scope="module")
@@ -94,6 +96,14 @@ def test_write_c_model_names_files_after_the_prefix(model: RandomModel, tmp_path
 def test_a_model_that_does_not_fit_is_named(model: RandomModel, change: dict, message: str) -> None:
     with pytest.raises(AminnError, match=message):
         bin_model_bytes(changed(model, **change))
+
+
+def test_rows_of_the_head_end_with_zeros(model: RandomModel) -> None:
+    for table in layout_of(model).tables:
+        if table.field.startswith("head_"):
+            rows = table.values.reshape(-1, N_HEAD_STORED)
+            assert rows[:, :N_HEAD].all()
+            assert not rows[:, N_HEAD:].any()
 
 
 def test_missing_parts_are_named(model: RandomModel) -> None:

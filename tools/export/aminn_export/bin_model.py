@@ -107,15 +107,17 @@ def read_bin_model(path: Path | str) -> BinModel:
     names = {code: name for name, code in DQ0_CODES.items()}, {code: name for name, code in WEIGHT_CODES.items()}
     if dq0 not in names[0] or weights not in names[1]:
         raise AminnError(f"{path}: dq0 {dq0} or weights {weights} is not what this program knows")
-    tables = tensor_order(hc, h, hd)
-    types = [np.dtype(WEIGHT_TYPES[names[1][weights]] if is_weight(field) else np.float32) for _, field, _ in tables]
-    lengths = [int(np.prod(stored_shape(field, shape))) for _, field, shape in tables]
+    weight_type = WEIGHT_TYPES[names[1][weights]]
+    tables = [
+        (owner, field, stored_shape(field, shape), np.dtype(weight_type if is_weight(field) else np.float32))
+        for owner, field, shape in tensor_order(hc, h, hd)
+    ]
     at = _HEAD.size + _BODY.size
-    if at + sum(_room(n * dtype.itemsize) for n, dtype in zip(lengths, types, strict=True)) != len(blob):
+    if at + sum(_room(int(np.prod(shape)) * dtype.itemsize) for _, _, shape, dtype in tables) != len(blob):
         raise AminnError(f"{path}: its length does not fit its widths {hc}, {h}, {hd}")
     tensors = {}
-    for (owner, field, shape), n, dtype in zip(tables, lengths, types, strict=True):
-        flat = np.frombuffer(blob, dtype.newbyteorder("<"), n, at)
+    for owner, field, shape, dtype in tables:
+        flat = np.frombuffer(blob, dtype.newbyteorder("<"), int(np.prod(shape)), at)
         at += _room(flat.nbytes)
         tensors[tensor_name(owner, field)] = restored(field, flat, shape)
     meta = dict(zip(SCALARS, fields[11:15], strict=True))

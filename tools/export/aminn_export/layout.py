@@ -156,8 +156,7 @@ def _stored(field: str, value: NDArray[np.float32], weights: str) -> NDArray[np.
 
 
 def restored(field: str, flat: NDArray[np.floating], shape: tuple[int, ...]) -> NDArray[np.float32]:
-    """The inverse of `_stored`: a tensor of the exported model."""
-    shape = stored_shape(field, shape)
+    """The inverse of `_stored`: a tensor of the exported model, from a table and its `stored_shape`."""
     value = flat.reshape(shape[::-1]).T if is_weight(field) else flat.reshape(shape)
     if field.startswith("head_"):
         value = value[np.argsort(head_rows())]
