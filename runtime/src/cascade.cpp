@@ -33,12 +33,17 @@ bool run_stage(aminn_t &ctx, int i, const Scene &scene, const aminn_input_t &in,
 {
     const aminn_model_t &model = *ctx.model;
     run_backbone(model, model.stage[i], in, ctx);
-    springs_from_head(model, ctx.head, ctx.stage[i]);
+#if AMINN_LANES
+    Branches springs[kEnd];
+#else
+    Branches *springs = ctx.head;
+#endif
+    springs_from_head(model, ctx.head, springs);
     const bool debug = (ctx.flags & AMINN_FLAG_DEBUG) != 0;
     const unsigned wanted = debug ? kStiffness | kDeflection : i == 0 ? 0u : kStiffness;
-    two_pass(model, model.stage[i], scene, in, wanted, ctx.stage[i], summary);
+    two_pass(model, model.stage[i], scene, in, springs, wanted, ctx.stage[i], summary);
     if (debug) {
-        square_springs(ctx.stage[i]);
+        store_springs(springs, ctx.stage[i]);
         ctx.stages_done |= 1u << i;
     }
     return sound(in, ctx.stage[i], summary);

@@ -31,7 +31,9 @@ struct Components {
 template <class Number, int kCount>
 AMINN_FUNCTION void load_row(Components<Number, kCount> &a, const Number *p)
 {
-    std::memcpy(a.v, p, sizeof a.v);
+    for (int i = 0; i < kCount; ++i) { // each as it was stored
+        a.v[i] = p[i];
+    }
 }
 template <class Number, int kCount>
 AMINN_FUNCTION void scale(Components<Number, kCount> &a, Number s, const Components<Number, kCount> &c)

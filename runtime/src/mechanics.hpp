@@ -103,23 +103,23 @@ AMINN_FUNCTION void substitute(AnyRow *rows, const Number *minus_t)
 }
 
 // v: the branches' rows of A, which become those of V, with these weights
-AMINN_FUNCTION void factor_contact(const aminn_stage_debug_t &springs, const aminn_input_t &in, int b, float eps_m,
+AMINN_FUNCTION void factor_contact(const Branches *springs, const aminn_input_t &in, int g, float eps_m,
                                    Contact &contact, Row *v, float *weight)
 {
+    const int b = g * kSideBySide;
     ContactRow *rows = contact.rows;
     Branches inv_diag[3];
     for (int c = 0; c < 3; ++c) {
         const Branches values[kMotion] = {-gather(&in.j_q[b][0][c], 9), -gather(&in.j_q[b][1][c], 9),
-                                          -gather(&in.j_q[b][2][c], 9), gather(&springs.tendon_dir[b][c], 3)};
+                                          -gather(&in.j_q[b][2][c], 9), springs[at(kDir + c, g)]};
         load_row(rows[c], values);
-        inv_diag[c] = 1.0F / gather(&springs.k_spring[b][c][c], 9);
+        inv_diag[c] = 1.0F / springs[at(kDiag + c, g)];
         contact.row_weight[c] = inv_diag[c] * inv_diag[c];
         contact.row_weight[3 + c] = broadcast(eps_m);
     }
-    const auto lower = [&](int i, int j) { return -(gather(&springs.k_spring[b][i][j], 9) * inv_diag[j]); };
-    contact.lower[0] = lower(1, 0);
-    contact.lower[1] = lower(2, 0);
-    contact.lower[2] = lower(2, 1);
+    for (int i = 0; i < 3; ++i) {
+        contact.lower[i] = -(springs[at(kOff + i, g)] * inv_diag[i / 2]);
+    }
     substitute(rows, contact.lower);
     ContactRow u[3];
     Branches d[3];
@@ -156,14 +156,14 @@ AMINN_FUNCTION void combine_branches(Row to[], const Row rows[], const Branches 
     }
 }
 
-static void factor_grasp(const aminn_stage_debug_t &springs, const aminn_input_t &in, const Scene &scene,
+static void factor_grasp(const Branches *springs, const aminn_input_t &in, const Scene &scene,
                          const aminn_stage_model_t &stage, Grasp &grasp)
 {
     std::memcpy(grasp.rows, scene.a_s, sizeof scene.a_s);
     for (int g = 0; g < kGroups; ++g) {
         const int b = g * kSideBySide;
         Row *v = grasp.rows + 3 * b;
-        factor_contact(springs, in, b, stage.eps_m, grasp.contact[g], v, grasp.weight + 3 * b);
+        factor_contact(springs, in, g, stage.eps_m, grasp.contact[g], v, grasp.weight + 3 * b);
         combine_branches(grasp.stiffness + kMotion + b, v, grasp.contact[g].t);
     }
     for (int i = 0; i < kMotion; ++i) {
@@ -207,7 +207,8 @@ AMINN_FUNCTION void displacement(const Grasp &grasp, const Row &z, const float t
 
 // dq0 of a branch as the paper writes it, from the regularised inverse of j_q, and how far it stretches the tendon
 [[gnu::noinline]] static float stretch_by_inverse(const aminn_model_t &model, const aminn_input_t &in, const Row a[3],
-                                                  const float *x_s, float eps_jq, int b, aminn_stage_debug_t &out)
+                                                  const float *x_s, float eps_jq, const Branches *springs, int b,
+                                                  float dq[3])
 {
     Row rows[3 + 3]; // j_q and the motion of the contact; minus the solution falls out below the latter
     Row u[3];
@@ -221,11 +222,12 @@ AMINN_FUNCTION void displacement(const Grasp &grasp, const Row &z, const float t
         set_component(rows[i], i, j[i] + eps_jq);
     }
     orthogonalise(rows, 3, 3, kOnesAndZeros + 3, u, unused[0], unused[1]);
-    float *dq = out.dq0[b];
+    float stretch = 0.0F;
     for (int c = 0; c < 3; ++c) {
         dq[c] = (model.coord_mask[3 * b + c] * in.contacts[b][0]) * rows[3 + c][3];
+        stretch = add_product(stretch, dq[c], of_branch(springs, kDir + c, b));
     }
-    return dot3(dq, out.tendon_dir[b]);
+    return stretch;
 }
 
 // K_x in SI, symmetric to the last bit
@@ -253,22 +255,21 @@ static void make_scene(const aminn_model_t &model, const aminn_input_t &in, Scen
     }
     Row to_scaled;
     load_row(to_scaled, scene.scale);
-    for (int b = 0; b < kBranch; ++b) {
-        for (int i = 0; i < 3; ++i) {
-            Row &row = scene.a_s[3 * b + i];
-            load_row(row, in.j_x[b][i]);
-            multiply(row, to_scaled);
-        }
+    const auto *j_x = reinterpret_cast<const float *>(in.j_x);
+    for (int r = 0; r < 3 * kBranch; ++r) {
+        load_row(scene.a_s[r], j_x + kMotion * r);
+        multiply(scene.a_s[r], to_scaled);
     }
 }
 
-// Both passes, from the springs in out (as springs_from_head leaves them), into the rest of it.
+// Both passes, into what out has behind the springs.
 static void two_pass(const aminn_model_t &model, const aminn_stage_model_t &stage, const Scene &scene,
-                     const aminn_input_t &in, unsigned wanted, aminn_stage_debug_t &out, StaticsSummary &summary)
+                     const aminn_input_t &in, const Branches *springs, unsigned wanted, aminn_stage_debug_t &out,
+                     StaticsSummary &summary)
 {
     // pass 1: springs alone
     Grasp grasp;
-    factor_grasp(out, in, scene, stage, grasp);
+    factor_grasp(springs, in, scene, stage, grasp);
     const Row *inverse = grasp.rows + kStacked;
     Row inv_d;
     load_row(inv_d, grasp.inv_d);
@@ -294,17 +295,18 @@ static void two_pass(const aminn_model_t &model, const aminn_stage_model_t &stag
         if (by_inverse) {
             for (int k = 0; k < kSideBySide; ++k) {
                 const Row *a = scene.a_s + 3 * (b + k);
-                stretch[k] = stretch_by_inverse(model, in, a, summary.x_s, stage.eps_jq, b + k, out);
+                stretch[k] =
+                    stretch_by_inverse(model, in, a, summary.x_s, stage.eps_jq, springs, b + k, out.dq0[b + k]);
             }
             eta = gather(stretch, 1);
         } else if (deflections) {
             deflection(contact, grasp.rows + 3 * b, grasp.weight + 3 * b, z, out.dq0[b]);
         }
-        const auto parameter = [&](int i) { return gather(&out.gate_params[b][i], 3); };
         // a sigmoid, of whose inverse the tendon's compliance is made
-        const Branches inv_gate = 1.0F + exponential(parameter(0) * (parameter(1) - eta) - parameter(2));
+        const Branches inv_gate =
+            1.0F + exponential(springs[at(kAlpha, g)] * (springs[at(kBeta, g)] - eta) - springs[at(kRho, g)]);
         scatter(1.0F / inv_gate, out.gate + b, 1);
-        const Branches inv_s = inv_gate / gather(&out.tendon_gain[b], 1);
+        const Branches inv_s = inv_gate / springs[at(kGain, g)];
         const Branches inv_gamma = least(broadcast(kSlack), inv_s + contact.rest_square);
         scatter(inv_gamma, grasp.inv_d + kMotion + b, 1);
         scatter(1.0F / inv_gamma, grasp.d + kMotion + b, 1);
@@ -315,7 +317,11 @@ static void two_pass(const aminn_model_t &model, const aminn_stage_model_t &stag
     float unused[2][kBranch];
     transpose(h[0], h[1], h[2], y, rows);
     orthogonalise(rows, kMotion, kBranch, grasp.inv_d, h, unused[0], unused[1]);
-    const float left[kMotion] = {rows[0][3], rows[1][3], rows[2][3], rows[3][3], rows[4][3], rows[5][3]};
+    float left[kMotion];
+    AMINN_UNROLL_ROWS
+    for (int i = 0; i < kMotion; ++i) {
+        left[i] = rows[i][kBranch];
+    }
     load_row(z, left);
     multiply(z, inv_d);
     displacement(grasp, z, scene.scale, summary.x_s, out.dx);

@@ -23,13 +23,28 @@ enum Head {
 };
 static_assert(kEnd * kBranch == AMINN_N_HEAD, "head layout");
 
+// What the head says of each branch, in the head's order: in the place of the springs K = L L^T the entries of L up to its
+// diagonal. Without vector registers it takes the place of the head's numbers; with them it is an array of vectors, since a
+// vector that is loaded from what several stores wrote waits for all of them to retire.
+constexpr int at(int output, int group)
+{
+    return output * kGroups + group;
+}
+AMINN_INLINE float of_branch(const Branches *springs, int output, int b)
+{
+#if AMINN_LANES
+    return springs[output][b];
+#else
+    return springs[at(output, b)];
+#endif
+}
+
 // With vector registers a whole number of them is computed at once; what is beyond the factors is not used.
 constexpr int kComputed = AMINN_LANES ? (kFactors * kBranch + 7) / 8 * 8 : kFactors * kBranch;
 static_assert(kComputed <= kBounded * kBranch, "they are all bounded");
 
-// The first fields of out, but in the place of the springs K = L L^T the entries of L up to its diagonal. head is
-// overwritten.
-static void springs_from_head(const aminn_model_t &model, float *head, aminn_stage_debug_t &out)
+// head is overwritten.
+static void springs_from_head(const aminn_model_t &model, float *head, Branches *springs)
 {
     for (int i = 0; i < kBounded * kBranch; ++i) {
         head[i] = hyperbolic_tangent(head[i]);
@@ -51,32 +66,58 @@ static void springs_from_head(const aminn_model_t &model, float *head, aminn_sta
         for (int i = 0; i < 3; ++i) {
             mask[i] = gather(model.coord_mask + 3 * b + i, 3);
         }
-        float *l = out.k_spring[b][0];
         Branches v[3];
         for (int i = 0; i < 3; ++i) {
-            scatter(mask[i] != 0.0F ? nominal[i] * scaling(kDiag + i) : nominal[i], l + 4 * i, 9);
+            springs[at(kDiag + i, g)] = mask[i] != 0.0F ? nominal[i] * scaling(kDiag + i) : nominal[i];
             const int row = i == 0 ? 1 : 2; // of the i-th entry below the diagonal
             const int column = i / 2;
             const Branches size = root(nominal[row] * nominal[column]);
-            scatter((nominal[3 + i] + size * raw(kOff + i)) * (mask[row] * mask[column]), l + 3 * row + column, 9);
+            springs[at(kOff + i, g)] = (nominal[3 + i] + size * raw(kOff + i)) * (mask[row] * mask[column]);
             v[i] = (gather(model.tendon_dir_nom + 3 * b + i, 3) + raw(kDir + i)) * mask[i];
         }
         const Branches inv_norm = 1.0F / root(dot(v, v) + 1e-12F);
         for (int i = 0; i < 3; ++i) {
-            scatter(v[i] * inv_norm, &out.tendon_dir[b][i], 3);
+            springs[at(kDir + i, g)] = v[i] * inv_norm;
         }
         const float *gate = model.gate_nom;
-        scatter(gather(model.tendon_gain_nom + b, 1) * scaling(kGain), out.tendon_gain + b, 1);
-        scatter(gate[0] * scaling(kAlpha), &out.gate_params[b][0], 3);
-        scatter(gate[1] * raw(kBeta), &out.gate_params[b][1], 3);
-        scatter(gate[2] + raw(kRho), &out.gate_params[b][2], 3);
+        springs[at(kGain, g)] = gather(model.tendon_gain_nom + b, 1) * scaling(kGain);
+        springs[at(kAlpha, g)] = gate[0] * scaling(kAlpha);
+        springs[at(kBeta, g)] = gate[1] * raw(kBeta);
+        springs[at(kRho, g)] = gate[2] + raw(kRho);
     }
 }
 
-// K in the place of L, from the end: an entry needs nothing of L behind it.
-static void square_springs(aminn_stage_debug_t &out)
+// Where an output stands in aminn_stage_debug_t, and how far apart its branches are there, in floats.
+struct Place {
+    uint8_t first;
+    uint8_t stride;
+};
+constexpr Place place(size_t field, int i, uint8_t stride)
 {
-    for (auto &k : out.k_spring) {
+    return {static_cast<uint8_t>(field / sizeof(float) + static_cast<size_t>(i)), stride};
+}
+constexpr size_t kSpring = offsetof(aminn_stage_debug_t, k_spring);
+constexpr size_t kTendon = offsetof(aminn_stage_debug_t, tendon_dir);
+constexpr size_t kStiff = offsetof(aminn_stage_debug_t, tendon_gain);
+constexpr size_t kGate = offsetof(aminn_stage_debug_t, gate_params);
+constexpr Place kPlaces[kEnd] = {
+    place(kSpring, 0, 9), place(kSpring, 4, 9), place(kSpring, 8, 9), // diagonal
+    place(kStiff, 0, 1),  place(kGate, 0, 3),                         // gain, alpha
+    place(kSpring, 3, 9), place(kSpring, 6, 9), place(kSpring, 7, 9), // below the diagonal
+    place(kTendon, 0, 3), place(kTendon, 1, 3), place(kTendon, 2, 3), // direction
+    place(kGate, 1, 3),   place(kGate, 2, 3),                         // beta, rho
+};
+
+// The first fields of out.
+static void store_springs(const Branches *springs, aminn_stage_debug_t &out)
+{
+    float *first = reinterpret_cast<float *>(&out);
+    for (int output = 0; output < kEnd; ++output) {
+        for (int b = 0; b < kBranch; ++b) {
+            first[kPlaces[output].first + b * kPlaces[output].stride] = of_branch(springs, output, b);
+        }
+    }
+    for (auto &k : out.k_spring) { // K in the place of L, from the end: an entry needs nothing of L behind it
         for (int i = 2; i >= 0; --i) {
             for (int j = i; j >= 0; --j) {
                 float sum = 0.0F;
