@@ -134,14 +134,51 @@ template <class AnyRegister, class Weight>
     }
 }
 
+AMINN_INLINE float value_of(float w)
+{
+    return w;
+}
+
+// outputs that do not fill a register
 template <class Weight>
-AMINN_INLINE void dense_by_registers(const Weight *w, const float *b, const float *x, int n_in, int n_out, float floor,
-                                     float *y)
+[[gnu::noinline]] void dense_by_numbers(const Weight *w, const float *b, const float *x, int n_in, int n_out,
+                                        float floor, float *y)
+{
+    for (int at = 0; at < n_out; ++at) {
+        float even = b[at];
+        float odd = -0.0F;
+        int i = 0;
+        for (; i + 2 <= n_in; i += 2) {
+            even = even + value_of(w[i * n_out + at]) * x[i];
+            odd = odd + value_of(w[(i + 1) * n_out + at]) * x[i + 1];
+        }
+        if (i < n_in) {
+            even = even + value_of(w[i * n_out + at]) * x[i];
+        }
+        const float sum = even + odd;
+        y[at] = sum < floor ? 0.0F : sum;
+    }
+}
+
+template <class Weight>
+AMINN_INLINE void dense(const Weight *w, const float *b, const float *x, int n_in, int n_out, float floor, float *y)
 {
     if (n_out % kLanes<LineRegister> == 0) {
         dense_of<LineRegister>(w, b, x, n_in, n_out, floor, y);
-    } else {
+    } else if (n_out >= kLanes<Register>) {
         dense_of<Register>(w, b, x, n_in, n_out, floor, y);
+    } else {
+        dense_by_numbers(w, b, x, n_in, n_out, floor, y);
+    }
+}
+
+inline void dense(const void *w, uint32_t weight_type, const float *b, const float *x, int n_in, int n_out, float floor,
+                  float *y)
+{
+    if (weight_type == AMINN_WEIGHTS_FLOAT16) {
+        dense(static_cast<const uint16_t *>(w), b, x, n_in, n_out, floor, y);
+    } else {
+        dense(static_cast<const float *>(w), b, x, n_in, n_out, floor, y);
     }
 }
 
@@ -212,28 +249,17 @@ inline void dense_block(const float *w, int step, const float *b, const float *x
 #endif
 }
 
-#endif
-
 inline void dense(const void *w, uint32_t weight_type, const float *b, const float *x, int n_in, int n_out, float floor,
                   float *y)
 {
     const auto *w32 = static_cast<const float *>(w);
     const auto *w16 = static_cast<const uint16_t *>(w);
-    const bool half = weight_type == AMINN_WEIGHTS_FLOAT16;
-#if AMINN_LANES
-    if (n_out >= kLanes<Register>) {
-        half ? dense_by_registers(w16, b, x, n_in, n_out, floor, y)
-             : dense_by_registers(w32, b, x, n_in, n_out, floor, y);
-        return;
-    }
-#endif
+    const bool half = weight_type == AMINN_WEIGHTS_FLOAT16; // for half the flash, and not for speed
     int at = 0;
-#if !AMINN_LANES // float16 is for half the flash there, and not for speed
     for (; n_out >= kBlock && !half && at < n_out; at += kBlock) {
         const int from = at + kBlock <= n_out ? at : n_out - kBlock;
         dense_block(w32 + from, n_out, b + from, x, n_in, y + from);
     }
-#endif
     for (; at < n_out; ++at) {
         float next = b[at]; // the sum of the even inputs, and after each step that of the others
         float other = -0.0F;
@@ -249,6 +275,8 @@ inline void dense(const void *w, uint32_t weight_type, const float *b, const flo
         y[i] = y[i] < floor ? 0.0F : y[i];
     }
 }
+
+#endif
 
 } // namespace AMINN_CORE
 } // namespace aminn

@@ -395,6 +395,41 @@ AMINN_INLINE Branches dot(const Branches a[3], const Branches b[3])
 #endif
 }
 
+// Rows whose columns' inner products are asked for one after the other.
+template <int kCount>
+class WeightedRows {
+  public:
+#if AMINN_LANES
+    // they lie weighted in memory, from where a component is loaded into all places of a register
+    WeightedRows(const Row *rows, const float *weight) : rows_(rows)
+    {
+        for (int r = 0; r < kCount; ++r) {
+            const Float8 row = weight[r] * rows[r].v;
+            std::memcpy(weighted_[r], &row, sizeof row);
+        }
+    }
+    AMINN_INLINE void inner_products(Row &to, int j) const
+    {
+        weighted_sum(to, rows_, kCount, [=](int r) { return weighted_[r][j]; });
+    }
+
+  private:
+    float weighted_[kCount][8];
+#else
+    WeightedRows(const Row *rows, const float *weight) : weight_(weight), rows_(rows)
+    {
+    }
+    AMINN_INLINE void inner_products(Row &to, int j) const
+    {
+        AMINN_CORE::inner_products(to, rows_, kCount, weight_, j);
+    }
+
+  private:
+    const float *weight_;
+#endif
+    const Row *rows_;
+};
+
 #if AMINN_LANES
 // components of a (0 to 7) and b (8 to 15)
 template <int... i>

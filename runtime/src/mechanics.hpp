@@ -233,11 +233,16 @@ AMINN_FUNCTION void displacement(const Grasp &grasp, const Row &z, const float t
 // K_x in SI, symmetric to the last bit
 static void store_stiffness(const Grasp &grasp, const float inv_scale[kMotion], float k_x[kMotion][kMotion])
 {
+    Row to_si;
+    load_row(to_si, inv_scale);
+    const WeightedRows<kMotion + kBranch> weighted(grasp.stiffness, grasp.d);
     for (int i = 0; i < kMotion; ++i) {
         Row row;
-        inner_products(row, grasp.stiffness, kMotion + kBranch, grasp.d, i);
+        weighted.inner_products(row, i);
+        scale(row, inv_scale[i], row);
+        multiply(row, to_si);
         for (int k = i; k < kMotion; ++k) {
-            k_x[i][k] = k_x[k][i] = (row[k] * inv_scale[i]) * inv_scale[k];
+            k_x[i][k] = k_x[k][i] = row[k];
         }
     }
 }
