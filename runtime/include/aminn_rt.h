@@ -131,7 +131,7 @@ extern "C" {
     X(AMINN_E_DIMS, -10, "the model's dimensions differ from the runtime's, or a width exceeds AMINN_MAX_WIDTH")      \
     X(AMINN_E_MODEL, -11, "a table of the model is missing, or a constant is NaN or out of its range")                \
     X(AMINN_E_MAGIC, -12, "the blob is not an AMINN model")                                                           \
-    X(AMINN_E_VERSION, -13, "the model has another format version than this runtime")                                 \
+    X(AMINN_E_VERSION, -13, "the model has another format version than this runtime: export it again")                \
     X(AMINN_E_SIZE, -14, "the blob is truncated, or its length does not fit its dimensions")                          \
     X(AMINN_E_CRC, -15, "the blob's CRC-32 does not match: it is damaged")                                            \
     X(AMINN_E_ALIGN, -16, "the blob is not aligned to 4 bytes")                                                       \

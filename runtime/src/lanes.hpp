@@ -93,8 +93,72 @@ AMINN_INLINE void set_component(Components<Number, kCount> &a, int j, float valu
 #pragma GCC diagnostic ignored "-Wpsabi"           // nothing here is called across object files
 #define AMINN_UNROLL_ROWS _Pragma("GCC unroll 16") // each step has its own code
 using Float4 = float __attribute__((vector_size(16)));
+using Int4 = int32_t __attribute__((vector_size(16)));
+#if defined(__AVX__)
 using Float8 = float __attribute__((vector_size(32)));
 using Int8 = int32_t __attribute__((vector_size(32)));
+
+AMINN_INLINE void set(Float8 &to, float x0, float x1, float x2, float x3, float x4, float x5, float x6, float x7)
+{
+    to = Float8{x0, x1, x2, x3, x4, x5, x6, x7};
+}
+AMINN_INLINE void clear_places_up_to(Float8 &a, int j)
+{
+    const Int8 places = {0, 1, 2, 3, 4, 5, 6, 7};
+    a = places > j ? a : Float8{};
+}
+AMINN_INLINE void set_place(Float8 &a, int j, float value)
+{
+    const Int8 places = {0, 1, 2, 3, 4, 5, 6, 7};
+    a = places == j ? Float8{} + value : a;
+}
+#else
+// Of a vector of 32 bytes gcc would make numbers in memory where registers have 16.
+struct Float8 {
+    Float4 low;
+    Float4 high;
+    AMINN_INLINE float operator[](int i) const
+    {
+        return i < 4 ? low[i] : high[i - 4];
+    }
+};
+AMINN_INLINE Float8 operator+(const Float8 &a, const Float8 &b)
+{
+    return {a.low + b.low, a.high + b.high};
+}
+AMINN_INLINE Float8 operator-(const Float8 &a, const Float8 &b)
+{
+    return {a.low - b.low, a.high - b.high};
+}
+AMINN_INLINE Float8 operator*(const Float8 &a, const Float8 &b)
+{
+    return {a.low * b.low, a.high * b.high};
+}
+AMINN_INLINE Float8 operator*(float s, const Float8 &a)
+{
+    return {s * a.low, s * a.high};
+}
+AMINN_INLINE Float8 operator/(float s, const Float8 &a)
+{
+    return {s / a.low, s / a.high};
+}
+AMINN_INLINE void set(Float8 &to, float x0, float x1, float x2, float x3, float x4, float x5, float x6, float x7)
+{
+    to = {Float4{x0, x1, x2, x3}, Float4{x4, x5, x6, x7}};
+}
+AMINN_INLINE void clear_places_up_to(Float8 &a, int j)
+{
+    const Int4 places = {0, 1, 2, 3};
+    a.low = places > j ? a.low : Float4{};
+    a.high = places > j - 4 ? a.high : Float4{};
+}
+AMINN_INLINE void set_place(Float8 &a, int j, float value)
+{
+    const Int4 places = {0, 1, 2, 3};
+    a.low = places == j ? Float4{} + value : a.low;
+    a.high = places == j - 4 ? Float4{} + value : a.high;
+}
+#endif
 
 struct Row {
     Float8 v;
@@ -106,7 +170,7 @@ struct Row {
 
 AMINN_INLINE void load_row(Row &a, const float *p)
 {
-    a.v = Float8{p[0], p[1], p[2], p[3], p[4], p[5], 0.0F, 0.0F};
+    set(a.v, p[0], p[1], p[2], p[3], p[4], p[5], 0.0F, 0.0F);
 }
 // a = s c
 AMINN_INLINE void scale(Row &a, float s, const Row &c)
@@ -122,7 +186,9 @@ AMINN_INLINE void add_scaled(Row &a, float s, const Row &c)
 AMINN_INLINE float scale_by_component(Row &a, int j)
 {
     const float s = a.v[j];
-    const Float8 inv = 1.0F / Float8{s, s, s, s, s, s, s, s};
+    Float8 inv;
+    set(inv, s, s, s, s, s, s, s, s);
+    inv = 1.0F / inv;
     a.v = inv * a.v;
     return inv[0];
 }
@@ -148,13 +214,11 @@ AMINN_INLINE void clear(Row &a)
 // zero for components 0 to j
 AMINN_INLINE void clear_up_to(Row &a, int j)
 {
-    const Int8 components = {0, 1, 2, 3, 4, 5, 6, 7};
-    a.v = components > j ? a.v : Float8{};
+    clear_places_up_to(a.v, j);
 }
 AMINN_INLINE void set_component(Row &a, int j, float value)
 {
-    const Int8 components = {0, 1, 2, 3, 4, 5, 6, 7};
-    a.v = components == j ? Float8{} + value : a.v;
+    set_place(a.v, j, value);
 }
 
 using Branches = Float4;
@@ -435,7 +499,7 @@ class WeightedRows {
 template <int... i>
 AMINN_INLINE void pick(Float8 &to, const Float8 &a, const Float8 &b)
 {
-    to = Float8{(i < 8 ? a[i % 8] : b[i % 8])...};
+    set(to, (i < 8 ? a[i % 8] : b[i % 8])...);
 }
 #endif
 
