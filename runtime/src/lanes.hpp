@@ -1,11 +1,12 @@
 // What the statics compute with, so that vector registers are used where there are some:
 //
 //   Row         one number for each of the 6 components of the tool's motion
+//   TendonRow   one number for each of the 3 tendons, and one more
 //   Branches    one number for each of the 3 branches
 //   ContactRow  Branches for each of the 3 dimensions of a contact and one more
 //
 // With vector registers a Row is 8 floats and Branches are 4, the last of each unused; they hold numbers that no result
-// depends on. Without, a Row is an array of 6, which serves as a ContactRow too, and the code for Branches runs for one
+// depends on. Without, a Row is an array of 6, which serves as the two others too, and the code for Branches runs for one
 // branch after the other with a plain float. The operations on each component are the same, so are the bits.
 #ifndef AMINN_SRC_LANES_HPP
 #define AMINN_SRC_LANES_HPP
@@ -160,63 +161,93 @@ AMINN_INLINE void set_place(Float8 &a, int j, float value)
 }
 #endif
 
-struct Row {
-    Float8 v;
+AMINN_INLINE void set_place(Float4 &a, int j, float value)
+{
+    const Int4 places = {0, 1, 2, 3};
+    a = places == j ? Float4{} + value : a;
+}
+AMINN_INLINE void clear_places_up_to(Float4 &a, int j)
+{
+    const Int4 places = {0, 1, 2, 3};
+    a = places > j ? a : Float4{};
+}
+AMINN_INLINE void spread(Float8 &to, float s)
+{
+    set(to, s, s, s, s, s, s, s, s);
+}
+AMINN_INLINE void spread(Float4 &to, float s)
+{
+    to = Float4{s, s, s, s};
+}
+
+template <class Vector>
+struct Lanes {
+    Vector v;
     AMINN_INLINE float operator[](int i) const
     {
         return v[i];
     }
 };
+using Row = Lanes<Float8>;
+using TendonRow = Lanes<Float4>;
 
 AMINN_INLINE void load_row(Row &a, const float *p)
 {
     set(a.v, p[0], p[1], p[2], p[3], p[4], p[5], 0.0F, 0.0F);
 }
 // a = s c
-AMINN_INLINE void scale(Row &a, float s, const Row &c)
+template <class Vector>
+AMINN_INLINE void scale(Lanes<Vector> &a, float s, const Lanes<Vector> &c)
 {
     a.v = s * c.v;
 }
 // a += s c
-AMINN_INLINE void add_scaled(Row &a, float s, const Row &c)
+template <class Vector>
+AMINN_INLINE void add_scaled(Lanes<Vector> &a, float s, const Lanes<Vector> &c)
 {
     a.v = a.v + s * c.v;
 }
 // a *= 1 / a[j], which is returned
-AMINN_INLINE float scale_by_component(Row &a, int j)
+template <class Vector>
+AMINN_INLINE float scale_by_component(Lanes<Vector> &a, int j)
 {
-    const float s = a.v[j];
-    Float8 inv;
-    set(inv, s, s, s, s, s, s, s, s);
+    Vector inv;
+    spread(inv, a.v[j]);
     inv = 1.0F / inv;
     a.v = inv * a.v;
     return inv[0];
 }
 // a -= s c
-AMINN_INLINE void subtract_scaled(Row &a, float s, const Row &c)
+template <class Vector>
+AMINN_INLINE void subtract_scaled(Lanes<Vector> &a, float s, const Lanes<Vector> &c)
 {
     a.v = a.v - s * c.v;
 }
 // a += b
-AMINN_INLINE void add(Row &a, const Row &b)
+template <class Vector>
+AMINN_INLINE void add(Lanes<Vector> &a, const Lanes<Vector> &b)
 {
     a.v = a.v + b.v;
 }
 // a *= b, component by component
-AMINN_INLINE void multiply(Row &a, const Row &b)
+template <class Vector>
+AMINN_INLINE void multiply(Lanes<Vector> &a, const Lanes<Vector> &b)
 {
     a.v = a.v * b.v;
 }
-AMINN_INLINE void clear(Row &a)
+template <class Vector>
+AMINN_INLINE void clear(Lanes<Vector> &a)
 {
-    a.v = Float8{};
+    a.v = Vector{};
 }
 // zero for components 0 to j
-AMINN_INLINE void clear_up_to(Row &a, int j)
+template <class Vector>
+AMINN_INLINE void clear_up_to(Lanes<Vector> &a, int j)
 {
     clear_places_up_to(a.v, j);
 }
-AMINN_INLINE void set_component(Row &a, int j, float value)
+template <class Vector>
+AMINN_INLINE void set_component(Lanes<Vector> &a, int j, float value)
 {
     set_place(a.v, j, value);
 }
@@ -254,6 +285,7 @@ using ContactRow = Components<Branches, 4>;
 #define AMINN_UNROLL_ROWS
 
 using Row = Components<float, kMotion>;
+using TendonRow = Row;
 
 #if AMINN_CORTEX_M
 // Rows are loaded and stored as a whole, which the compiler does not do by itself. A sum that begins with -0 keeps the
@@ -504,23 +536,13 @@ AMINN_INLINE void pick(Float8 &to, const Float8 &a, const Float8 &b)
 #endif
 
 // to[i] = (a[i], b[i], c[i], d[i])
-AMINN_INLINE void transpose(const Row &a, const Row &b, const Row &c, const Row &d, Row to[kMotion])
+AMINN_INLINE void transpose(const Row &a, const Row &b, const Row &c, const Row &d, TendonRow to[kMotion])
 {
 #if AMINN_LANES
-    Float8 ab_low;
-    Float8 ab_high;
-    Float8 cd_low;
-    Float8 cd_high;
-    pick<0, 8, 1, 9, 4, 12, 5, 13>(ab_low, a.v, b.v);
-    pick<2, 10, 3, 11, 6, 14, 7, 15>(ab_high, a.v, b.v);
-    pick<0, 8, 1, 9, 4, 12, 5, 13>(cd_low, c.v, d.v);
-    pick<2, 10, 3, 11, 6, 14, 7, 15>(cd_high, c.v, d.v);
-    pick<0, 1, 8, 9, 4, 5, 12, 13>(to[0].v, ab_low, cd_low);
-    pick<2, 3, 10, 11, 6, 7, 14, 15>(to[1].v, ab_low, cd_low);
-    pick<0, 1, 8, 9, 4, 5, 12, 13>(to[2].v, ab_high, cd_high);
-    pick<2, 3, 10, 11, 6, 7, 14, 15>(to[3].v, ab_high, cd_high);
-    pick<4, 5, 6, 7, 4, 5, 6, 7>(to[4].v, to[0].v, to[0].v);
-    pick<4, 5, 6, 7, 4, 5, 6, 7>(to[5].v, to[1].v, to[1].v);
+    AMINN_UNROLL_ROWS
+    for (int i = 0; i < kMotion; ++i) {
+        to[i].v = Float4{a[i], b[i], c[i], d[i]};
+    }
 #else
     for (int i = 0; i < kMotion; ++i) {
         to[i] = {{a[i], b[i], c[i], d[i], 0.0F, 0.0F}};

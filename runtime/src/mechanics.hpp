@@ -318,10 +318,16 @@ static void two_pass(const aminn_model_t &model, const aminn_stage_model_t &stag
     }
 
     // pass 2: the tendons' share of the load
-    Row *rows = grasp.rows; // Q has done its work
+#if AMINN_LANES
+    TendonRow rows[kMotion + kBranch];
+    TendonRow u[kBranch];
+#else
+    TendonRow *rows = grasp.rows; // Q has done its work
+    TendonRow *u = h;
+#endif
     float unused[2][kBranch];
     transpose(h[0], h[1], h[2], y, rows);
-    orthogonalise(rows, kMotion, kBranch, grasp.inv_d, h, unused[0], unused[1]);
+    orthogonalise(rows, kMotion, kBranch, grasp.inv_d, u, unused[0], unused[1]);
     float left[kMotion];
     AMINN_UNROLL_ROWS
     for (int i = 0; i < kMotion; ++i) {
