@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import platform
 import shutil
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import onnx
 import pytest
 from runtime_models import RandomModel, random_inputs
 
-from aminn_export.bench import ROWS, bench, format_bench, parameters, plain_mlp
+from aminn_export.bench import ROWS, bench, describe_cpu, format_bench, parameters, plain_mlp
 from aminn_export.golden import run_onnx, single_thread_session
 from aminn_export.vectors import write_vectors
 
@@ -18,6 +19,22 @@ def test_the_mlp_has_as_many_parameters(exported: RandomModel) -> None:
     wanted = parameters(exported)
     found = sum(onnx.numpy_helper.to_array(t).size for t in plain_mlp(wanted).graph.initializer)
     assert 0.98 * wanted < found <= wanted
+
+
+CPUINFO = "processor\t: {}\ncpu family\t: 25\nmodel\t\t: 17\nmodel name\t: AMD EPYC\nflags\t\t: fpu sse2 {}\n\n"
+
+
+@pytest.mark.parametrize(
+    ("flags", "widest"),
+    [("avx2 avx512f avx512vl", "AVX-512"), ("avx2 avx512f", "AVX2"), ("avx2", "AVX2"), ("avx", "SSE2")],
+)
+def test_the_report_tells_processors_of_one_name_apart(flags: str, widest: str) -> None:
+    two = CPUINFO.format(0, flags) + CPUINFO.format(1, flags)
+    assert describe_cpu(two) == f"AMD EPYC, family 25, model 17, {widest}"
+
+
+def test_a_processor_without_these_fields_is_named_by_its_architecture() -> None:
+    assert describe_cpu("processor\t: 0\nBogoMIPS\t: 50.00\n") == platform.machine()
 
 
 @pytest.mark.skipif(

@@ -92,9 +92,23 @@ def compile_bench(model: BinModel, build_dir: Path, program: Path) -> None:
     run([*command, "-lopenblas", "-ldl", "-lm", "-o", str(program)], "compiling aminn_bench")
 
 
+def describe_cpu(cpuinfo: str) -> str:
+    """Name, family and model, and the widest vector registers that the runtime uses there, from /proc/cpuinfo's text.
+
+    Processors of one name differ in all that the ratios depend on. Elsewhere than on x86-64 Linux: the architecture.
+    """
+    first = cpuinfo.strip().split("\n\n")[0]
+    fields = {key.strip(): value.strip() for key, _, value in (line.partition(":") for line in first.splitlines())}
+    if not {"model name", "cpu family", "model", "flags"} <= fields.keys():
+        return platform.machine()
+    flags = set(fields["flags"].split())
+    widest = "AVX-512" if {"avx512f", "avx512vl"} <= flags else "AVX2" if "avx2" in flags else "SSE2"
+    return f"{fields['model name']}, family {fields['cpu family']}, model {fields['model']}, {widest}"
+
+
 def _cpu() -> str:
-    lines = Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").is_file() else []
-    return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), platform.machine())
+    cpuinfo = Path("/proc/cpuinfo")
+    return describe_cpu(cpuinfo.read_text() if cpuinfo.is_file() else "")
 
 
 def bench(model_dir: Path, vectors: Path, build_dir: Path, rounds: int = ROUNDS) -> Report:
