@@ -23,9 +23,9 @@ enum Head {
 };
 static_assert(kEnd * kBranch == AMINN_N_HEAD, "head layout");
 
-// What the head says of each branch, in the head's order: in the place of the springs K = L L^T the entries of L up to its
-// diagonal. Without vector registers it takes the place of the head's numbers; with them it is an array of vectors, since a
-// vector that is loaded from what several stores wrote waits for all of them to retire.
+// What becomes of the head's outputs, the "springs" of a stage: in the same order, and of the joint springs K = L L^T the
+// entries of L up to its diagonal. Without vector registers they take the place of the head's numbers. With them they are
+// an array of vectors: one that is loaded from what several stores have just written waits for all of them to retire.
 constexpr int at(int output, int group)
 {
     return output * kGroups + group;
@@ -43,7 +43,7 @@ AMINN_INLINE float of_branch(const Branches *springs, int output, int b)
 constexpr int kComputed = AMINN_LANES ? (kFactors * kBranch + 7) / 8 * 8 : kFactors * kBranch;
 static_assert(kComputed <= kBounded * kBranch, "they are all bounded");
 
-// head is overwritten.
+// head is overwritten, and may be springs.
 static void springs_from_head(const aminn_model_t &model, float *head, Branches *springs)
 {
     for (int i = 0; i < kBounded * kBranch; ++i) {
@@ -92,20 +92,29 @@ struct Place {
     uint8_t first;
     uint8_t stride;
 };
-constexpr Place place(size_t field, int i, uint8_t stride)
+constexpr Place place(size_t field, int i, int stride)
 {
-    return {static_cast<uint8_t>(field / sizeof(float) + static_cast<size_t>(i)), stride};
+    return {static_cast<uint8_t>(static_cast<int>(field / sizeof(float)) + i), static_cast<uint8_t>(stride)};
 }
-constexpr size_t kSpring = offsetof(aminn_stage_debug_t, k_spring);
-constexpr size_t kTendon = offsetof(aminn_stage_debug_t, tendon_dir);
-constexpr size_t kStiff = offsetof(aminn_stage_debug_t, tendon_gain);
-constexpr size_t kGate = offsetof(aminn_stage_debug_t, gate_params);
+constexpr Place in_spring(int row, int column)
+{
+    return place(offsetof(aminn_stage_debug_t, k_spring), AMINN_N_COORD * row + column, AMINN_N_COORD * AMINN_N_COORD);
+}
+constexpr Place in_dir(int i)
+{
+    return place(offsetof(aminn_stage_debug_t, tendon_dir), i, AMINN_N_COORD);
+}
+constexpr Place in_gate(int i)
+{
+    return place(offsetof(aminn_stage_debug_t, gate_params), i, 3);
+}
 constexpr Place kPlaces[kEnd] = {
-    place(kSpring, 0, 9), place(kSpring, 4, 9), place(kSpring, 8, 9), // diagonal
-    place(kStiff, 0, 1),  place(kGate, 0, 3),                         // gain, alpha
-    place(kSpring, 3, 9), place(kSpring, 6, 9), place(kSpring, 7, 9), // below the diagonal
-    place(kTendon, 0, 3), place(kTendon, 1, 3), place(kTendon, 2, 3), // direction
-    place(kGate, 1, 3),   place(kGate, 2, 3),                         // beta, rho
+    in_spring(0, 0), in_spring(1, 1), in_spring(2, 2), place(offsetof(aminn_stage_debug_t, tendon_gain), 0, 1),
+    in_gate(0), // alpha
+    in_spring(1, 0), in_spring(2, 0), in_spring(2, 1), in_dir(0),
+    in_dir(1),       in_dir(2),
+    in_gate(1), // beta
+    in_gate(2), // rho
 };
 
 // The first fields of out.
