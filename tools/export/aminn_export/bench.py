@@ -26,8 +26,8 @@ from aminn.checkpoint import write_json
 from aminn.errors import AminnError
 
 from .bin_model import BinModel, read_bin_model
-from .export import GOLDEN_FILE, ONNX_FILE
-from .onnx_model import IR_VERSION, OPSET, build_onnx
+from .golden import GOLDEN_FILE
+from .onnx_model import IR_VERSION, ONNX_FILE, OPSET, build_onnx
 from .targets import run
 from .vectors import N_IN
 from .verify import find_in, model_prefix, runtime_source

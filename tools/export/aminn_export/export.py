@@ -14,13 +14,12 @@ from aminn.export_tables import export_tables
 
 from .bin_model import BinModel, write_bin_model
 from .c_model import write_c_model
-from .golden import inputs_of, write_golden
+from .golden import GOLDEN_FILE, inputs_of, write_golden
 from .layout import WEIGHT_CODES
-from .onnx_model import write_onnx
+from .onnx_model import DEBUG_FILE, ONNX_FILE, write_onnx
 from .ranges import training_ranges, unknown_ranges
 from .tables import Exported
-
-ONNX_FILE, DEBUG_FILE, GOLDEN_FILE = "aminn.onnx", "aminn_debug.onnx", "golden.bin"
+from .weights import float16_model, rounding_error
 
 
 def write_model_files(exported: Exported, out_dir: Path, prefix: str) -> None:
@@ -42,8 +41,6 @@ def _publish(part: Path, out_dir: Path) -> None:
 
 def _rounded(exported: BinModel, dataset: Dataset | None) -> tuple[BinModel, str]:
     """The model with float16 weights, and a line that says what they change."""
-    from .weights import float16_model, rounding_error
-
     rounded = float16_model(exported)
     if dataset is None:
         return rounded, "float16 weights: without a data set their error is not known"

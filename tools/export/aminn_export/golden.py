@@ -16,6 +16,7 @@ from .reference import Reference
 from .tables import Exported
 from .vectors import write_vectors
 
+GOLDEN_FILE = "golden.bin"
 GOLDEN_SAMPLES = 200
 CHUNK = 1024
 

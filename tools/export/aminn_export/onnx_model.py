@@ -34,6 +34,7 @@ from aminn.errors import AminnError
 from .onnx_graph import GraphBuilder
 from .tables import STAGES, Exported, pair_of
 
+ONNX_FILE, DEBUG_FILE = "aminn.onnx", "aminn_debug.onnx"
 OPSET = 18
 IR_VERSION = 8
 # Head outputs of a branch in the model's order, and the order of this graph: what is squashed by tanh stands first.

@@ -28,9 +28,8 @@ from aminn.evaluate import align_columns
 
 from . import serial_protocol, targets
 from .bin_model import BinModel, read_bin_model
-from .export import DEBUG_FILE, GOLDEN_FILE, ONNX_FILE
-from .golden import inputs_of, run_onnx, single_thread_session
-from .onnx_model import build_onnx
+from .golden import GOLDEN_FILE, inputs_of, run_onnx, single_thread_session
+from .onnx_model import DEBUG_FILE, ONNX_FILE, build_onnx
 from .reference import Reference
 from .vectors import Results, read_results, read_vectors, write_vectors
 
