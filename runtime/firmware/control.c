@@ -5,15 +5,11 @@
 #include <string.h>
 
 #include MODEL_HEADER
+#include "figures.h"
 #include "limiter.h"
 #include "modes.h"
 #include "semihosting.h"
 #include "vector_file.h"
-
-#define SYST_CSR (*(volatile uint32_t *)0xE000E010u)
-#define SYST_RVR (*(volatile uint32_t *)0xE000E014u)
-#define SYST_CVR (*(volatile uint32_t *)0xE000E018u)
-#define SYST_COUNTFLAG (1u << 16) /* the period has passed; reading clears it */
 
 enum { TICK_HZ = 1000, PERMILLE = 1000, CLOCK_HZ = 25000000 /* of the MPS2 boards */ };
 /* Instructions that a core of so many MHz has in a tick if each takes one cycle; real cores need more for some. */

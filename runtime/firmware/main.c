@@ -12,16 +12,13 @@
 #include <string.h>
 
 #include MODEL_HEADER
+#include "figures.h"
 #include "modes.h"
 #include "semihosting.h"
 #include "startup.h"
 #include "vector_file.h"
 
-#define SYST_CSR (*(volatile uint32_t *)0xE000E010u)
-#define SYST_RVR (*(volatile uint32_t *)0xE000E014u)
-#define SYST_CVR (*(volatile uint32_t *)0xE000E018u)
-
-enum { CALIBRATION_LOOPS = 100000, STACK_SAMPLES = 16 };
+enum { STACK_SAMPLES = 16 };
 
 /* all static: this is the whole memory that the runtime needs beside its stack */
 static aminn_t ctx;
@@ -34,56 +31,6 @@ static int vectors_file = -1, results_file = -1;
 typedef struct figures {
     uint32_t refused, call_stack, ticks_total, ticks_max;
 } figures_t;
-
-int fail(const char *what, const char *why)
-{
-    semihost_puts("firmware: ");
-    semihost_puts(what);
-    semihost_puts(": ");
-    semihost_puts(why);
-    semihost_puts("\n");
-    return 1;
-}
-
-void print_figure(const char *name, uint32_t value)
-{
-    semihost_puts("firmware: ");
-    semihost_puts(name);
-    semihost_puts(" ");
-    semihost_put_u32(value);
-    semihost_puts("\n");
-}
-
-/* ---- time: SysTick counts down; under "-icount" its rate is a fixed number of instructions a tick ---- */
-
-void ticks_start(void)
-{
-    SYST_RVR = 0xFFFFFFu;
-    SYST_CVR = 0;
-    SYST_CSR = 5u; /* on, processor clock, no interrupt */
-}
-
-uint32_t ticks_since(uint32_t start)
-{
-    return (start - SYST_CVR) & 0xFFFFFFu;
-}
-
-/* instructions a tick, times 1000; 0 if the clock does not follow the instructions */
-uint32_t calibrate(void)
-{
-    uint32_t ticks[2];
-    int i;
-    for (i = 0; i < 2; ++i) {
-        uint32_t loops = CALIBRATION_LOOPS;
-        const uint32_t start = SYST_CVR;
-        __asm volatile("1: subs %0, %0, #1\n bne 1b" : "+r"(loops) : : "cc");
-        ticks[i] = ticks_since(start);
-    }
-    if (ticks[0] == 0 || ticks[0] + 1 < ticks[1] || ticks[1] + 1 < ticks[0]) {
-        return 0;
-    }
-    return 2u * CALIBRATION_LOOPS * 1000u / ticks[1];
-}
 
 /* ---- files ---- */
 

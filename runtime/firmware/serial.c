@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include MODEL_HEADER
+#include "figures.h"
 #include "modes.h"
 #include "vector_file.h"
 
