@@ -53,3 +53,9 @@ def test_bench_reports_all_subjects(export_dir: Path, build_dir: Path, tmp_path:
         assert 0 < report[f"{name}_us_min"] <= report[f"{name}_us"]
     assert report["floor"] in {name for _, name in ROWS[:4]}
     assert report["onnx_nodes"] > 0
+    with_avx512 = str(report["cpu"]).endswith("AVX-512")
+    assert with_avx512 == ("avx2_floor_us" in report)
+    if with_avx512:
+        ratio = float(report["avx2_runtime_both_stages_us"]) / float(report["avx2_floor_us"])
+        assert report["avx2_runtime_to_floor_ratio"] == pytest.approx(ratio, rel=0.5)
+        assert "with AVX2 alone" in format_bench(report)

@@ -4,7 +4,8 @@ python -m aminn_export.bench --model tests/golden --build build/host --json buil
 
 One thread, one sample a call, the same samples, in turns, in one program (runtime/tools/aminn_bench.cpp): Eigen and
 OpenBLAS doing the products alone, the runtime, ONNX Runtime through its C interface on `aminn.onnx`, and ONNX Runtime
-on a plain MLP with as many parameters.
+on a plain MLP with as many parameters. Where the processor has AVX-512, the products and the runtime are timed once
+more as they are with AVX2 alone.
 """
 
 from __future__ import annotations
@@ -39,6 +40,8 @@ RATIO_LIMITS = {
     "onnx_to_runtime_ratio": (">=", 10.0),
     "mlp_to_runtime_ratio": (">=", 1.0),
 }
+AVX512 = "AVX-512"
+AVX2_MARCH = "haswell"  # AVX2 and fused multiply-add, to the compiler and to OpenBLAS
 WARNINGS = ["-Wall", "-Wextra", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-Werror"]
 Report = dict[str, float | int | str | bool]
 
@@ -77,19 +80,31 @@ def onnxruntime_library() -> Path:
     return found[0]
 
 
-def compile_bench(model: BinModel, build_dir: Path, program: Path) -> None:
-    """Compile the timing program for the model's widths against the built library, for this very processor."""
-    source = runtime_source(build_dir)
+def compile_bench(model: BinModel, source: Path, library: Path, program: Path, march: str) -> None:
+    """Compile the timing program for the model's widths, against a built library, its products for `march`."""
     widths = {"HC": "contact_width", "H": "width", "HD": "classifier_width"}
     include = [f"-I{source / 'include'}", f"-I{source / 'tools'}", "-isystem", "/usr/include/eigen3"]
     run(
         ["gcc", "-std=c99", "-O2", *include, "-c", str(source / "tools" / "host_file.c"), "-o", f"{program}.o"],
         "compiling",
     )
-    command = ["g++", "-std=c++17", "-O3", "-march=native", *WARNINGS, *include]
+    command = ["g++", "-std=c++17", "-O3", f"-march={march}", *WARNINGS, *include]
     command += [f"-D{name}={model.meta[key]}" for name, key in widths.items()]
-    command += [str(source / "tools" / "aminn_bench.cpp"), f"{program}.o", str(find_in(build_dir, "libaminn_rt.a"))]
+    command += [str(source / "tools" / "aminn_bench.cpp"), f"{program}.o", str(library)]
     run([*command, "-lopenblas", "-ldl", "-lm", "-o", str(program)], "compiling aminn_bench")
+
+
+def build_avx2_library(source: Path, folder: Path) -> Path:
+    """The library without a choice at run time, compiled for AVX2; returns the archive."""
+    options = [
+        "-DCMAKE_BUILD_TYPE=Release",
+        "-DAMINN_RT_DISPATCH=OFF",
+        "-DAMINN_RT_TOOLS=OFF",
+        "-DCMAKE_CXX_FLAGS=-mavx2",
+    ]
+    run(["cmake", "-S", str(source), "-B", str(folder), *options], "cmake")
+    run(["cmake", "--build", str(folder), "--parallel"], "building the library for AVX2")
+    return find_in(folder, "libaminn_rt.a")
 
 
 def describe_cpu(cpuinfo: str) -> str:
@@ -102,7 +117,7 @@ def describe_cpu(cpuinfo: str) -> str:
     if not {"model name", "cpu family", "model", "flags"} <= fields.keys():
         return platform.machine()
     flags = set(fields["flags"].split())
-    widest = "AVX-512" if {"avx512f", "avx512vl"} <= flags else "AVX2" if "avx2" in flags else "SSE2"
+    widest = AVX512 if {"avx512f", "avx512vl"} <= flags else "AVX2" if "avx2" in flags else "SSE2"
     return f"{fields['model name']}, family {fields['cpu family']}, model {fields['model']}, {widest}"
 
 
@@ -115,14 +130,20 @@ def bench(model_dir: Path, vectors: Path, build_dir: Path, rounds: int = ROUNDS)
     """Times in microseconds a call, and their ratios. Raises AminnError where something is missing."""
     blob = model_dir / f"{model_prefix(model_dir)}.bin"
     model = read_bin_model(blob)
+    source, cpu = runtime_source(build_dir), _cpu()
     with tempfile.TemporaryDirectory(prefix="aminn-bench-") as folder:
         program, graph, mlp = (Path(folder) / name for name in ("aminn_bench", "aminn.onnx", "mlp.onnx"))
         file = model_dir / ONNX_FILE
         graph.write_bytes(file.read_bytes() if file.is_file() else build_onnx(model).SerializeToString())
         mlp.write_bytes(plain_mlp(parameters(model)).SerializeToString())
-        compile_bench(model, build_dir, program)
         command = [str(program), str(blob), str(vectors), str(rounds), str(onnxruntime_library()), str(graph), str(mlp)]
+        compile_bench(model, source, find_in(build_dir, "libaminn_rt.a"), program, "native")
         report: Report = json.loads(run(command, "aminn_bench"))
+        if cpu.endswith(AVX512):
+            compile_bench(model, source, build_avx2_library(source, Path(folder) / "avx2"), program, AVX2_MARCH)
+            avx2 = json.loads(run(["env", f"OPENBLAS_CORETYPE={AVX2_MARCH}", *command], "aminn_bench with AVX2"))
+            report["avx2_floor_us"] = avx2[f"{avx2['floor']}_us"]
+            report |= {f"avx2_{name}": avx2[name] for name in ("runtime_both_stages_us", "runtime_to_floor_ratio")}
         report["onnx_nodes"] = len(onnx.load(graph).graph.node)
     missed = [
         name
@@ -132,7 +153,7 @@ def bench(model_dir: Path, vectors: Path, build_dir: Path, rounds: int = ROUNDS)
     return report | {
         "parameters": parameters(model),
         "runtime_model_bytes": blob.stat().st_size,
-        "cpu": _cpu(),
+        "cpu": cpu,
         "cpu_cores": os.cpu_count() or 0,
         "aims_missed": ", ".join(missed),
     }
@@ -158,6 +179,11 @@ def format_bench(report: Report) -> str:
     for name, (sign, limit) in RATIO_LIMITS.items():
         verdict = "missed" if name in str(report["aims_missed"]) else "met"
         lines.append(f"{name} {report[name]:.2f}, aim {sign} {limit:g}: {verdict}")
+    if "avx2_runtime_to_floor_ratio" in report:
+        lines.append(
+            f"with AVX2 alone {report['avx2_runtime_to_floor_ratio']:.2f}: "
+            f"runtime {report['avx2_runtime_both_stages_us']:.2f}, products {report['avx2_floor_us']:.2f}"
+        )
     return "\n".join([*lines, str(report["cpu"])])
 
 
