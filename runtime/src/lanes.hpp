@@ -95,6 +95,18 @@ AMINN_INLINE void set_component(Components<Number, kCount> &a, int j, float valu
 #define AMINN_UNROLL_ROWS _Pragma("GCC unroll 16") // each step has its own code
 using Float4 = float __attribute__((vector_size(16)));
 using Int4 = int32_t __attribute__((vector_size(16)));
+
+AMINN_INLINE void set_place(Float4 &a, int j, float value)
+{
+    const Int4 places = {0, 1, 2, 3};
+    a = places == j ? Float4{} + value : a;
+}
+AMINN_INLINE void clear_places_up_to(Float4 &a, int j)
+{
+    const Int4 places = {0, 1, 2, 3};
+    a = places > j ? a : Float4{};
+}
+
 #if defined(__AVX__)
 using Float8 = float __attribute__((vector_size(32)));
 using Int8 = int32_t __attribute__((vector_size(32)));
@@ -149,28 +161,16 @@ AMINN_INLINE void set(Float8 &to, float x0, float x1, float x2, float x3, float 
 }
 AMINN_INLINE void clear_places_up_to(Float8 &a, int j)
 {
-    const Int4 places = {0, 1, 2, 3};
-    a.low = places > j ? a.low : Float4{};
-    a.high = places > j - 4 ? a.high : Float4{};
+    clear_places_up_to(a.low, j);
+    clear_places_up_to(a.high, j - 4);
 }
 AMINN_INLINE void set_place(Float8 &a, int j, float value)
 {
-    const Int4 places = {0, 1, 2, 3};
-    a.low = places == j ? Float4{} + value : a.low;
-    a.high = places == j - 4 ? Float4{} + value : a.high;
+    set_place(a.low, j, value);
+    set_place(a.high, j - 4, value);
 }
 #endif
 
-AMINN_INLINE void set_place(Float4 &a, int j, float value)
-{
-    const Int4 places = {0, 1, 2, 3};
-    a = places == j ? Float4{} + value : a;
-}
-AMINN_INLINE void clear_places_up_to(Float4 &a, int j)
-{
-    const Int4 places = {0, 1, 2, 3};
-    a = places > j ? a : Float4{};
-}
 AMINN_INLINE void spread(Float8 &to, float s)
 {
     set(to, s, s, s, s, s, s, s, s);
@@ -504,7 +504,7 @@ class WeightedRows {
             std::memcpy(weighted_[r], &row, sizeof row);
         }
     }
-    AMINN_INLINE void inner_products(Row &to, int j) const
+    AMINN_INLINE void products_of(int j, Row &to) const
     {
         weighted_sum(to, rows_, kCount, [=](int r) { return weighted_[r][j]; });
     }
@@ -515,9 +515,9 @@ class WeightedRows {
     WeightedRows(const Row *rows, const float *weight) : weight_(weight), rows_(rows)
     {
     }
-    AMINN_INLINE void inner_products(Row &to, int j) const
+    AMINN_INLINE void products_of(int j, Row &to) const
     {
-        AMINN_CORE::inner_products(to, rows_, kCount, weight_, j);
+        inner_products(to, rows_, kCount, weight_, j);
     }
 
   private:

@@ -238,7 +238,7 @@ static void store_stiffness(const Grasp &grasp, const float inv_scale[kMotion], 
     const WeightedRows<kMotion + kBranch> weighted(grasp.stiffness, grasp.d);
     for (int i = 0; i < kMotion; ++i) {
         Row row;
-        weighted.inner_products(row, i);
+        weighted.products_of(i, row);
         scale(row, inv_scale[i], row);
         multiply(row, to_si);
         for (int k = i; k < kMotion; ++k) {

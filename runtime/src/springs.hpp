@@ -109,12 +109,19 @@ constexpr Place in_gate(int i)
     return place(offsetof(aminn_stage_debug_t, gate_params), i, 3);
 }
 constexpr Place kPlaces[kEnd] = {
-    in_spring(0, 0), in_spring(1, 1), in_spring(2, 2), place(offsetof(aminn_stage_debug_t, tendon_gain), 0, 1),
-    in_gate(0), // alpha
-    in_spring(1, 0), in_spring(2, 0), in_spring(2, 1), in_dir(0),
-    in_dir(1),       in_dir(2),
-    in_gate(1), // beta
-    in_gate(2), // rho
+    in_spring(0, 0), // kDiag
+    in_spring(1, 1), // 1
+    in_spring(2, 2), // 2
+    place(offsetof(aminn_stage_debug_t, tendon_gain), 0, 1),
+    in_gate(0),      // kAlpha
+    in_spring(1, 0), // kOff
+    in_spring(2, 0), // 1
+    in_spring(2, 1), // 2
+    in_dir(0),       // kDir
+    in_dir(1),       // 1
+    in_dir(2),       // 2
+    in_gate(1),      // kBeta
+    in_gate(2),      // kRho
 };
 
 // The first fields of out.

@@ -107,21 +107,21 @@ def build_avx2_library(source: Path, folder: Path) -> Path:
     return find_in(folder, "libaminn_rt.a")
 
 
-def describe_cpu(cpuinfo: str) -> str:
-    """Name, family and model, and the widest vector registers that the runtime uses there, from /proc/cpuinfo's text.
+def describe_cpu(cpuinfo: str) -> tuple[str, str]:
+    """Name, family and model; and the widest vector registers that the runtime uses there, from /proc/cpuinfo's text.
 
-    Processors of one name differ in all that the ratios depend on. Elsewhere than on x86-64 Linux: the architecture.
+    Processors of one name differ in all that the ratios depend on. Elsewhere than on x86-64 Linux: architecture, "".
     """
     first = cpuinfo.strip().split("\n\n")[0]
     fields = {key.strip(): value.strip() for key, _, value in (line.partition(":") for line in first.splitlines())}
     if not {"model name", "cpu family", "model", "flags"} <= fields.keys():
-        return platform.machine()
+        return platform.machine(), ""
     flags = set(fields["flags"].split())
     widest = AVX512 if {"avx512f", "avx512vl"} <= flags else "AVX2" if "avx2" in flags else "SSE2"
-    return f"{fields['model name']}, family {fields['cpu family']}, model {fields['model']}, {widest}"
+    return f"{fields['model name']}, family {fields['cpu family']}, model {fields['model']}", widest
 
 
-def _cpu() -> str:
+def _cpu() -> tuple[str, str]:
     cpuinfo = Path("/proc/cpuinfo")
     return describe_cpu(cpuinfo.read_text() if cpuinfo.is_file() else "")
 
@@ -130,7 +130,8 @@ def bench(model_dir: Path, vectors: Path, build_dir: Path, rounds: int = ROUNDS)
     """Times in microseconds a call, and their ratios. Raises AminnError where something is missing."""
     blob = model_dir / f"{model_prefix(model_dir)}.bin"
     model = read_bin_model(blob)
-    source, cpu = runtime_source(build_dir), _cpu()
+    source = runtime_source(build_dir)
+    cpu, registers = _cpu()
     with tempfile.TemporaryDirectory(prefix="aminn-bench-") as folder:
         program, graph, mlp = (Path(folder) / name for name in ("aminn_bench", "aminn.onnx", "mlp.onnx"))
         file = model_dir / ONNX_FILE
@@ -139,7 +140,7 @@ def bench(model_dir: Path, vectors: Path, build_dir: Path, rounds: int = ROUNDS)
         command = [str(program), str(blob), str(vectors), str(rounds), str(onnxruntime_library()), str(graph), str(mlp)]
         compile_bench(model, source, find_in(build_dir, "libaminn_rt.a"), program, "native")
         report: Report = json.loads(run(command, "aminn_bench"))
-        if cpu.endswith(AVX512):
+        if registers == AVX512:
             compile_bench(model, source, build_avx2_library(source, Path(folder) / "avx2"), program, AVX2_MARCH)
             avx2 = json.loads(run(["env", f"OPENBLAS_CORETYPE={AVX2_MARCH}", *command], "aminn_bench with AVX2"))
             report["avx2_floor_us"] = avx2[f"{avx2['floor']}_us"]
@@ -154,6 +155,7 @@ def bench(model_dir: Path, vectors: Path, build_dir: Path, rounds: int = ROUNDS)
         "parameters": parameters(model),
         "runtime_model_bytes": blob.stat().st_size,
         "cpu": cpu,
+        "vector_registers": registers,
         "cpu_cores": os.cpu_count() or 0,
         "aims_missed": ", ".join(missed),
     }
@@ -184,7 +186,7 @@ def format_bench(report: Report) -> str:
             f"with AVX2 alone {report['avx2_runtime_to_floor_ratio']:.2f}: "
             f"runtime {report['avx2_runtime_both_stages_us']:.2f}, products {report['avx2_floor_us']:.2f}"
         )
-    return "\n".join([*lines, str(report["cpu"])])
+    return "\n".join([*lines, f"{report['cpu']}, {report['vector_registers']}"])
 
 
 FOLDER = click.Path(path_type=Path, file_okay=False, exists=True)
