@@ -257,7 +257,8 @@ def _caption(picture: GraspPicture, factor: int) -> str:
         return f"{1e3 * np.linalg.norm(dx[:3]):.2f} mm and {np.degrees(np.linalg.norm(dx[3:])):.2f} deg"
 
     force, moment = np.linalg.norm(picture.w_e[:3]), np.linalg.norm(picture.w_e[3:])
-    text = f"A {picture.tool_family} under {force:.2f} N and {moment:.3f} N.m moves {motion(picture.dx_ht)} in the hand"
+    load = f"{force:.2f} N and {moment:.3f} N.m"
+    text = f"The {picture.tool_family} under {load} moves {motion(picture.dx_ht)} in the hand"
     if picture.predicted_dx is not None:
         text += f"; predicted: {motion(picture.predicted_dx)}"
     text += ". Dashed and grey: before the load. Red: the force, in the tool's origin."
