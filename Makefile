@@ -59,7 +59,7 @@ test: setup-python setup-view setup-host-tests setup-arm ## lint, C tests, Pytho
 	@mkdir -p $(BUILD)/test
 	@ctest --test-dir $(HOST) --output-on-failure --no-tests=error --parallel $(JOBS) \
 	  --output-junit ../test/ctest.xml
-	@$(PYTHON) -m pytest -q --junit-xml=$(BUILD)/test/pytest.xml
+	@AMINN_TRUST_REPORT=$(REPORTS)/trust.json $(PYTHON) -m pytest -q --junit-xml=$(BUILD)/test/pytest.xml
 	@$(MAKE) --no-print-directory firmware
 	@$(PYTHON) tools/setup/test_report.py $(REPORTS)/test.json c=$(BUILD)/test/ctest.xml python=$(BUILD)/test/pytest.xml
 	@echo "All tests passed. Counts: $(REPORTS)/test.json, details: $(BUILD)/test/, firmware: $(REPORTS)/firmware.json"

@@ -12,10 +12,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from aminn_base.files import write_atomically
+
 from .quality import noise_figures
 from .read import Array, SimulatedData, read_data
 from .schema import GROUPS, Field
-from .simulate import write_atomically
 
 BLUE = "#2563a8"
 BINS = 40

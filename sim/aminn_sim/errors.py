@@ -1,7 +1,9 @@
-"""The one exception that reaches a user as a message rather than as a traceback."""
+"""What this package raises for a user's mistake."""
 
 from __future__ import annotations
 
+from aminn_base.errors import AminnError
 
-class SimulationError(Exception):
+
+class SimulationError(AminnError):
     """Bad configuration or an unusable data set folder. The text says what was wrong, where, and what to do."""

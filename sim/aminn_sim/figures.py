@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import time
 from collections.abc import Callable
@@ -10,6 +9,8 @@ from pathlib import Path
 
 import click
 import numpy as np
+
+from aminn_base.files import write_json
 
 from . import _core
 from .config import SimulationConfig
@@ -67,14 +68,6 @@ def speed_figures(
     }
 
 
-def write_figures(path: Path, figures: dict[str, float | str]) -> None:
-    """Write the report, whole or not at all."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text(json.dumps(figures, sort_keys=True, indent=1) + "\n")
-    partial.replace(path)
-
-
 @click.command()
 @click.option("--data", type=click.Path(path_type=Path), required=True, help="Folder of a finished data set.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Report to write (JSON).")
@@ -107,7 +100,7 @@ def main(data: Path, out: Path, grasps: int, seed: int) -> None:
             figures |= found
     except SimulationError as error:
         raise click.ClickException(str(error)) from error
-    write_figures(out, figures)
+    write_json(out, figures)
 
 
 if __name__ == "__main__":

@@ -22,6 +22,8 @@ import h5py
 import numpy as np
 from tqdm import tqdm
 
+from aminn_base.files import write_atomically, write_json
+
 from . import _core
 from .config import TOOL_FAMILIES, SimulationConfig
 from .engines import ShardTask, find_engine
@@ -138,7 +140,7 @@ def simulate(
                 write_shard(out / shard_name(task.number), result, attributes)
                 steps += result["steps"]
     manifest = build_manifest(config, digest, hand_file.as_dict() | simulator.hand(), out)
-    write_atomically(out / "manifest.json", (json.dumps(manifest, sort_keys=True, indent=1) + "\n").encode())
+    write_json(out / "manifest.json", manifest)
     if report and todo:
         _write_report(report, total - done, steps, time.monotonic() - start, threads, engine)
     return manifest
@@ -153,8 +155,7 @@ def _write_report(path: Path, cases: int, steps: int, seconds: float, threads: i
         "dataset_threads": threads,
         "dataset_engine": engine,
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(path, (json.dumps(figures, sort_keys=True, indent=1) + "\n").encode())
+    write_json(path, figures)
 
 
 def check_tools_fit(config: SimulationConfig, hand_file: HandFile, simulator: _core.Simulator) -> None:
@@ -244,26 +245,6 @@ def write_shard(path: Path, arrays: dict[str, Arrays], attributes: dict[str, int
             for name, array in _checked(group, fields, arrays[group]).items():
                 file.create_dataset(f"{group}/{name}", data=array, track_times=False)
     write_atomically(path, image.getvalue())
-
-
-def write_atomically(path: Path, content: bytes) -> None:
-    """The file is there whole or not at all, whatever ends the program or the machine."""
-    partial = path.with_name(path.name + ".partial")
-    try:
-        with partial.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(path)
-    except OSError as error:
-        partial.unlink(missing_ok=True)
-        raise SimulationError(
-            f"{path}: cannot be written ({error.strerror}); make room or choose another folder, then repeat the "
-            "command: it goes on where it stopped"
-        ) from error
-    except BaseException:
-        partial.unlink(missing_ok=True)
-        raise
 
 
 def build_manifest(config: SimulationConfig, digest: str, hand: dict, out: Path) -> dict:

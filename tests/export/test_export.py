@@ -13,7 +13,7 @@ from runtime_models import random_model
 
 from aminn.checkpoint import load_checkpoint
 from aminn.dataset import load_dataset, split_of
-from aminn.errors import AminnError
+from aminn_base.errors import AminnError
 from aminn_export.bin_model import read_bin_model
 from aminn_export.export import export
 from aminn_export.onnx_model import read_metadata

@@ -10,7 +10,7 @@ import pytest
 from runtime_models import RandomModel, closure, random_inputs
 
 from aminn.dims import INPUT_SHAPES, OUTPUT_SHAPES
-from aminn.errors import AminnError
+from aminn_base.errors import AminnError
 from aminn_export.adversarial import KINDS, adversarial_states
 from aminn_export.adversarial import closure as own_closure
 from aminn_export.fidelity import SquareRootReference, failures, missed

@@ -16,8 +16,8 @@ from runtime_models import RandomModel, random_inputs, random_model
 
 from aminn.config import MechanicsConfig
 from aminn.dims import BRANCHES, DEBUG_SHAPES, INPUT_SHAPES, JOINTS, OUTPUT_SHAPES
-from aminn.errors import AminnError
 from aminn.mechanics import dense_stiffness
+from aminn_base.errors import AminnError
 from aminn_export.golden import run_onnx, single_thread_session
 from aminn_export.onnx_model import build_onnx, read_metadata, write_onnx
 from aminn_export.reference import Reference

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from synthetic import closure, draw_inputs, hand
 
-from aminn.errors import AminnError
 from aminn.grasp_picture import GraspPicture, branch_points, draw_grasp, magnification, rotation_matrix, tool_faces
 from aminn.metrics import operating_curve, reliability
 from aminn.report import (
@@ -22,6 +21,7 @@ from aminn.report import (
     to_png,
     write_report,
 )
+from aminn_base.errors import AminnError
 
 RNG = np.random.default_rng(0)
 ALONG_X = [0.5**0.5, 0, 0.5**0.5, 0]

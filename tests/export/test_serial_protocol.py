@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from runtime_models import random_inputs
 
-from aminn.errors import AminnError
+from aminn_base.errors import AminnError
 from aminn_export import serial_protocol
 from aminn_export.firmware import build_firmware
 from aminn_export.golden import run_onnx, single_thread_session

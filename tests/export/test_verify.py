@@ -11,7 +11,7 @@ import pytest
 from runtime_models import RandomModel, random_inputs
 
 from aminn.dataset import load_dataset, split_of
-from aminn.errors import AminnError
+from aminn_base.errors import AminnError
 from aminn_export.bin_model import write_bin_model
 from aminn_export.c_model import write_c_model
 from aminn_export.export import export

@@ -10,7 +10,7 @@ import pytest
 from runtime_models import RandomModel, random_model
 
 from aminn.dims import N_HEAD
-from aminn.errors import AminnError
+from aminn_base.errors import AminnError
 from aminn_export.bin_model import bin_model_bytes, read_bin_model, write_bin_model
 from aminn_export.c_model import c_model_texts, float_literal, write_c_model
 from aminn_export.layout import N_HEAD_STORED, layout_of

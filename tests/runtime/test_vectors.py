@@ -10,7 +10,7 @@ import pytest
 from runtime_models import random_inputs, random_model
 
 from aminn.dims import OUTPUT_SHAPES
-from aminn.errors import AminnError
+from aminn_base.errors import AminnError
 from aminn_export.reference import Reference
 from aminn_export.vectors import N_IN, N_OUT, read_results, read_vectors, write_vectors
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from aminn_sim import SimulationConfig, _core, simulate
-from aminn_sim.figures import speed_figures, synergy_figures, write_figures
+from aminn_sim.figures import speed_figures, synergy_figures
 from aminn_sim.hand_file import read_hand_file
 from aminn_sim.read import read_data
 
@@ -38,9 +38,3 @@ def test_report_of_a_run(tmp_path: Path) -> None:
     (tmp_path / "reports" / "dataset.json").unlink()
     simulate(config, tmp_path / "data", progress=False, report=tmp_path / "reports" / "dataset.json")
     assert not (tmp_path / "reports" / "dataset.json").exists()  # nothing was left to do
-
-
-def test_figures_are_written_whole(tmp_path: Path) -> None:
-    write_figures(tmp_path / "new" / "sim.json", {"b": 1.0, "a": "x"})
-    assert json.loads((tmp_path / "new" / "sim.json").read_text()) == {"a": "x", "b": 1.0}
-    assert [p.name for p in (tmp_path / "new").iterdir()] == ["sim.json"]

@@ -21,9 +21,10 @@ from pathlib import Path
 from synthetic import write_dataset
 
 from aminn import train as train_module
-from aminn.checkpoint import META, WEIGHTS, write_json
+from aminn.checkpoint import META, WEIGHTS
 from aminn.config import TrainConfig
 from aminn.dataset import load_dataset
+from aminn_base.files import write_json
 
 GRASPS, CASES = 60, 8
 CONFIG = TrainConfig(epochs=6, batch=32)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from aminn.config import MECHANICS, TrainConfig, as_toml, load_config
-from aminn.errors import AminnError
+from aminn_base.errors import AminnError
 
 
 def test_toml_reads_back_with_every_description(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from aminn.dataset import SPLITS, Dataset, load_dataset, split_of
-from aminn.errors import AminnError
+from aminn_base.errors import AminnError
 
 
 def test_splits_share_no_grasp_and_cover_all(dataset: Dataset) -> None:

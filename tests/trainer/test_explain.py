@@ -14,8 +14,8 @@ from aminn.checkpoint import Checkpoint
 from aminn.cli import main
 from aminn.dataset import Dataset
 from aminn.dims import LENGTH_SCALE_M
-from aminn.errors import AminnError
 from aminn.explain import as_text, draw, explain_sample
+from aminn_base.errors import AminnError
 
 
 def test_numbers_belong_together(runs: dict[str, Checkpoint], dataset: Dataset) -> None:

@@ -15,10 +15,10 @@ from aminn.checkpoint import load_checkpoint, save_checkpoint
 from aminn.config import MechanicsConfig, ModelConfig
 from aminn.dataset import Dataset
 from aminn.dims import DEBUG_SHAPES, LENGTH_SCALE_M, N_WRENCH, OUTPUT_SHAPES
-from aminn.errors import AminnError
 from aminn.export_tables import export_tables
 from aminn.model import Aminn
 from aminn.nominal import CHOL_COLS, CHOL_ROWS, nominal_from_hand
+from aminn_base.errors import AminnError
 
 NOMINAL = nominal_from_hand(hand())
 

@@ -11,10 +11,10 @@ import pytest
 from aminn import study
 from aminn.config import TrainConfig
 from aminn.dataset import Dataset, load_dataset
-from aminn.errors import AminnError
 from aminn.paper_table import filled, write_tables
 from aminn.pipeline import anew_if_outdated
 from aminn.train import train
+from aminn_base.errors import AminnError
 
 
 def test_outdated_folder_is_made_again(dataset: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:

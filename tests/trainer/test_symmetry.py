@@ -12,11 +12,11 @@ from synthetic import hand
 from aminn.closure import closure
 from aminn.config import ModelConfig, TrainConfig
 from aminn.dataset import Dataset
-from aminn.errors import AminnError
 from aminn.model import Aminn
 from aminn.nominal import nominal_from_hand
 from aminn.symmetry import BRANCHES, MOTION, check_symmetric, mirror_inputs, mirror_targets
 from aminn.train import train
+from aminn_base.errors import AminnError
 
 NOMINAL = nominal_from_hand(hand())
 

@@ -13,14 +13,15 @@ import torch
 
 import aminn.train as train_module
 from aminn.card import CARD
-from aminn.checkpoint import META, WEIGHTS, Checkpoint, load_checkpoint, write_json
+from aminn.checkpoint import META, WEIGHTS, Checkpoint, load_checkpoint
 from aminn.config import LossWeights, TrainConfig
 from aminn.dataset import Dataset
-from aminn.errors import AminnError
 from aminn.evaluate import evaluate, flat_report, format_table
 from aminn.export_tables import export_tables
 from aminn.run_state import FILE, load_run
 from aminn.train import train
+from aminn_base.errors import AminnError
+from aminn_base.files import write_json
 
 SHORT = TrainConfig(epochs=2)
 

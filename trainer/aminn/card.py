@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from .checkpoint import META, WEIGHTS, Checkpoint, write_atomically
+from aminn_base.files import write_atomically
+
+from .checkpoint import META, WEIGHTS, Checkpoint
 from .config import TrainConfig, as_toml, build_config
 
 CARD = "card.md"

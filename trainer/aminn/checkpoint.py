@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
-import os
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -14,9 +12,11 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save
 from torch import Tensor, nn
 
+from aminn_base.errors import AminnError
+from aminn_base.files import write_atomically, write_json
+
 from .baseline import Mlp
 from .config import ModelConfig, build_config
-from .errors import AminnError
 from .model import Aminn
 from .nominal import Nominal
 
@@ -35,28 +35,6 @@ class Checkpoint:
     path: Path
     sha256: str
     """Of the weights file followed by the metadata file."""
-
-
-def write_atomically(path: Path, data: bytes) -> None:
-    """Write `data` to `path` so that a reader sees the old file or the new one, never half of it."""
-    part = path.with_name(path.name + ".part")
-    part.write_bytes(data)
-    os.replace(part, path)
-
-
-def write_json(path: Path, value: dict) -> None:
-    """Write a JSON file with sorted keys, atomically. A figure that is not finite becomes null: NaN is no JSON."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(path, (json.dumps(_finite(value), indent=1, sort_keys=True, allow_nan=False) + "\n").encode())
-
-
-def _finite(value: object) -> object:
-    """The value with null for every float that is not finite."""
-    if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(v) for v in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def build_model(kind: str, config: ModelConfig, nominal: Nominal) -> Aminn | Mlp:

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import click
 
+from aminn_base.errors import AminnError
+
 from . import __version__
-from .errors import AminnError
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
 EXISTING = click.Path(path_type=Path, file_okay=False, exists=True)
@@ -197,7 +198,9 @@ def train(
 @click.option("--json", "json_file", type=NEW_FILE, help="Write every figure here, as flat keys.")
 def evaluate(data: Path, runs: tuple[Path, ...], split: str, json_file: Path | None) -> None:
     """Print the figures of trained models beside the analytical model, no motion and the ground truth."""
-    from .checkpoint import load_checkpoint, write_json
+    from aminn_base.files import write_json
+
+    from .checkpoint import load_checkpoint
     from .dataset import load_dataset
     from .evaluate import evaluate as run
     from .evaluate import flat_report, format_table
@@ -256,7 +259,8 @@ def verify(
     json_file: Path | None,
 ) -> None:
     """Replay a data set through ONNX Runtime and the compiled runtime; fail on a mismatch."""
-    from .checkpoint import write_json
+    from aminn_base.files import write_json
+
     from .pipeline import run_verify
 
     report = run_verify(export_dir, data, build_dir, samples, firmware, targets=targets, port=port)
@@ -308,7 +312,9 @@ def explain(checkpoint: Path, data: Path, sample: int, out: Path | None, json_fi
     Springs, tendon directions and engagement of each finger, the stiffness K_x with its principal compliances and their
     directions, and the predicted motion beside the simulated one; as text, and as a picture over the hand.
     """
-    from .checkpoint import load_checkpoint, write_json
+    from aminn_base.files import write_json
+
+    from .checkpoint import load_checkpoint
     from .dataset import load_dataset
     from .explain import as_text, draw, explain_sample
 

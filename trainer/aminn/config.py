@@ -29,8 +29,9 @@ from pydantic import (
 )
 from pydantic.dataclasses import dataclass as checked_dataclass
 
+from aminn_base.errors import AminnError
+
 from .dims import N_WRENCH
-from .errors import AminnError
 
 CHECKS = ConfigDict(extra="forbid", use_attribute_docstrings=True, allow_inf_nan=False)
 settings = partial(checked_dataclass, frozen=True, config=CHECKS)

@@ -16,8 +16,9 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from aminn_base.errors import AminnError
+
 from .dims import INPUT_SHAPES, N_JOINT, N_TENDON, N_WRENCH
-from .errors import AminnError
 from .nominal import gated_tendons
 
 SCHEMA_VERSION = 2

@@ -15,7 +15,9 @@ from typing import TypeVar
 
 import click
 
-from .checkpoint import Checkpoint, load_checkpoint, write_json
+from aminn_base.files import write_json
+
+from .checkpoint import Checkpoint, load_checkpoint
 from .cli import Messages
 from .dataset import Dataset, load_dataset
 from .evaluate import Evaluation, evaluate, flat_report, format_table, training_grasps_in

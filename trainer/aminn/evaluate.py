@@ -8,10 +8,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from aminn_base.errors import AminnError
+
 from .checkpoint import Checkpoint
 from .config import ModelConfig
 from .dataset import Dataset
-from .errors import AminnError
 from .metrics import (
     COLUMNS,
     all_figures,

@@ -12,10 +12,11 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from mpl_toolkits.mplot3d.proj3d import proj_transform
 from numpy.typing import NDArray
 
+from aminn_base.errors import AminnError
+
 from .checkpoint import Checkpoint
 from .dataset import Dataset
 from .dims import BRANCHES, COORDS, LENGTH_SCALE_M
-from .errors import AminnError
 from .evaluate import check_hand
 from .metrics import pose_error, pose_size
 from .nominal import CHOL_COLS, CHOL_ROWS

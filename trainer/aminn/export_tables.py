@@ -7,9 +7,10 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from aminn_base.errors import AminnError
+
 from .checkpoint import Checkpoint
 from .dims import BRANCH_JOINTS, BRANCHES, JOINTS, LENGTH_SCALE_M
-from .errors import AminnError
 from .model import Backbone
 
 FORMAT_VERSION = 1

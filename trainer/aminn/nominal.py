@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from aminn_base.errors import AminnError
+
 from .dims import BRANCH_JOINTS, N_BRANCH, N_COORD
-from .errors import AminnError
 
 Array = NDArray[np.float64]
 # Packed order of a 3x3 lower Cholesky factor in the model: diagonal first, then 10, 20, 21.

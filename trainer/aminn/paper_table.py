@@ -9,7 +9,8 @@ from pathlib import Path
 
 import click
 
-from .checkpoint import write_atomically
+from aminn_base.files import write_atomically
+
 from .cli import Messages
 
 Report = dict[str, float | int | str | None]

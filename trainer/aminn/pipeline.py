@@ -14,8 +14,9 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from aminn_base.errors import AminnError
+
 from .checkpoint import Checkpoint
-from .errors import AminnError
 from .evaluate import Evaluation, names_of, truth
 from .metrics import pose_size, reliability, signed_work
 

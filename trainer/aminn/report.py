@@ -21,8 +21,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
-from .checkpoint import write_atomically
-from .errors import AminnError
+from aminn_base.errors import AminnError
+from aminn_base.files import write_atomically
+
 from .grasp_picture import GraspPicture, draw_grasp
 from .metrics import COLUMNS
 

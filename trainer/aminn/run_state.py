@@ -16,8 +16,8 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor
 
-from .checkpoint import write_atomically
-from .errors import AminnError
+from aminn_base.errors import AminnError
+from aminn_base.files import write_atomically
 
 FILE = "unfinished.safetensors"
 

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
-from .errors import AminnError
+from aminn_base.errors import AminnError
 
 
 def simulation_settings(changes: Sequence[str]) -> dict[str, float]:

@@ -14,7 +14,9 @@ import click
 import numpy as np
 import torch
 
-from .checkpoint import build_model, write_json
+from aminn_base.files import write_json
+
+from .checkpoint import build_model
 from .cli import Messages
 from .config import TrainConfig
 from .dataset import Dataset, load_dataset

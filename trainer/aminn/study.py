@@ -23,12 +23,14 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from aminn_base.errors import AminnError
+from aminn_base.files import write_json
+
 from .analysis import breakdown, compliance_figures, gate_figures, noise_figures, squared_error_shares
-from .checkpoint import Checkpoint, write_json
+from .checkpoint import Checkpoint
 from .cli import Messages
 from .config import TrainConfig
 from .dataset import Dataset, load_dataset
-from .errors import AminnError
 from .evaluate import analytical, figures_of, label_figures, learned, no_motion
 from .nominal import gated_tendons
 from .paper_table import write_tables

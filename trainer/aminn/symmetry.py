@@ -11,8 +11,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from aminn_base.errors import AminnError
+
 from .dims import BRANCH_JOINTS, N_BRANCH, N_WRENCH
-from .errors import AminnError
 from .nominal import Nominal
 
 POLAR = (-1.0, 1.0, 1.0)

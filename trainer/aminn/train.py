@@ -19,13 +19,14 @@ import torch
 from torch import Tensor, nn
 from tqdm import tqdm
 
+from aminn_base.errors import AminnError
+
 from .baseline import n_parameters
 from .card import write_card
 from .checkpoint import META, Checkpoint, build_model, load_checkpoint, save_checkpoint
 from .config import LossWeights, TrainConfig
 from .dataset import Dataset
 from .dims import N_BRANCH, N_WRENCH
-from .errors import AminnError
 from .losses import pose_terms, structural_terms
 from .metrics import all_figures, calibration_figures, choose_tau, operating_curve, pose_error
 from .model import Backbone

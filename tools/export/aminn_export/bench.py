@@ -23,8 +23,8 @@ import onnx
 import onnxruntime as ort
 from onnx import TensorProto, helper, numpy_helper
 
-from aminn.checkpoint import write_json
-from aminn.errors import AminnError
+from aminn_base.errors import AminnError
+from aminn_base.files import write_json
 
 from .bin_model import BinModel, read_bin_model
 from .golden import GOLDEN_FILE

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import struct
 import zlib
 from dataclasses import dataclass
@@ -12,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aminn.dims import BRANCH_JOINTS, BRANCHES, JOINTS, N_BRANCH, N_CONTACT_FEATURE, N_COORD, N_JOINT, N_WRENCH
-from aminn.errors import AminnError
+from aminn_base.errors import AminnError
+from aminn_base.files import write_atomically
 
 from .layout import (
     DQ0_CODES,
@@ -45,16 +45,6 @@ class BinModel:
 
     meta: dict
     tensors: dict[str, NDArray[np.float32]]
-
-
-def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file whole or not at all."""
-    partial = path.with_name(path.name + ".partial")
-    try:
-        partial.write_bytes(content)
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def _room(n_bytes: int) -> int:

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aminn.dims import N_BRANCH, N_CONTACT_FEATURE, N_COORD, N_JOINT, N_WRENCH
-from aminn.errors import AminnError
+from aminn_base.errors import AminnError
+from aminn_base.files import write_atomically
 
-from .bin_model import write_atomically
 from .layout import FORMAT_VERSION, SCALARS, STAGE_SCALARS, Layout, Table, layout_of
 from .tables import STAGES, Exported
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from aminn.checkpoint import load_checkpoint
 from aminn.dataset import Dataset, load_dataset
-from aminn.errors import AminnError
 from aminn.export_tables import export_tables
+from aminn_base.errors import AminnError
 
 from .bin_model import BinModel, write_bin_model
 from .c_model import write_c_model

@@ -18,10 +18,10 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from aminn.checkpoint import write_json
 from aminn.dataset import load_dataset
 from aminn.dims import INPUT_SHAPES, OUTPUT_SHAPES
-from aminn.errors import AminnError
+from aminn_base.errors import AminnError
+from aminn_base.files import write_json
 
 from .adversarial import KINDS, adversarial_states
 from .bin_model import BinModel, read_bin_model

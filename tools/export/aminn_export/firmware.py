@@ -8,7 +8,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from aminn.errors import AminnError
+from aminn_base.errors import AminnError
 
 QEMU = "qemu-system-arm"
 BOARDS = {"cortex_m4": "mps2-an386", "cortex_m7": "mps2-an500", "cortex_m33": "mps2-an505"}

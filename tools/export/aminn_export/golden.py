@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from aminn.dataset import Dataset
 from aminn.dims import INPUT_SHAPES, OUTPUT_SHAPES
-from aminn.errors import AminnError
+from aminn_base.errors import AminnError
 
 from .reference import Reference
 from .tables import Exported

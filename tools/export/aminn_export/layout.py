@@ -26,7 +26,7 @@ from aminn.dims import (
     N_JOINT,
     N_WRENCH,
 )
-from aminn.errors import AminnError
+from aminn_base.errors import AminnError
 
 from .tables import STAGES, Exported, pair_of
 

@@ -29,7 +29,7 @@ from aminn.dims import (
     N_WRENCH,
     OUTPUT_SHAPES,
 )
-from aminn.errors import AminnError
+from aminn_base.errors import AminnError
 
 from .onnx_graph import GraphBuilder
 from .tables import STAGES, Exported, pair_of

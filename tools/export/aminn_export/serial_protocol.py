@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aminn.dims import INPUT_SHAPES
-from aminn.errors import AminnError
+from aminn_base.errors import AminnError
 
 from .vectors import N_OUT, pack, write_results
 

@@ -13,7 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from aminn.errors import AminnError
+from aminn_base.errors import AminnError
 
 from .firmware import BOARDS, build_firmware, run_firmware
 

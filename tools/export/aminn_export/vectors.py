@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aminn.dims import INPUT_SHAPES, OUTPUT_SHAPES
-from aminn.errors import AminnError
-
-from .bin_model import write_atomically
+from aminn_base.errors import AminnError
+from aminn_base.files import write_atomically
 
 VECTOR_MAGIC = 0x564E4D41  # "AMNV"
 RESULT_MAGIC = 0x4F4E4D41  # "AMNO"

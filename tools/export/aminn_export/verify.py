@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from aminn.dataset import SPLITS, Dataset, load_dataset, split_of
 from aminn.dims import INPUT_SHAPES, OUTPUT_SHAPES
 from aminn.dims import LENGTH_SCALE_M as LENGTH_M
-from aminn.errors import AminnError
 from aminn.evaluate import align_columns
+from aminn_base.errors import AminnError
 
 from . import serial_protocol, targets
 from .bin_model import BinModel, read_bin_model

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from aminn.errors import AminnError
+from aminn_base.errors import AminnError
 
 from .bin_model import BinModel
 from .reference import Reference

@@ -1,0 +1,26 @@
+"""Figures that tests measure: `make test` collects them in build/reports/trust.json."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from aminn_base.files import write_json
+
+Figures = dict[str, float | int | str | bool]
+_trust = pytest.StashKey[Figures]()
+
+
+@pytest.fixture(scope="session")
+def trust(request: pytest.FixtureRequest) -> Figures:
+    """Flat figures of the report; a test that shows something adds what it found under a name of its own."""
+    return request.config.stash.setdefault(_trust, {})
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Write the report where AMINN_TRUST_REPORT names a file."""
+    figures, report = session.config.stash.get(_trust, {}), os.environ.get("AMINN_TRUST_REPORT")
+    if figures and report:
+        write_json(Path(report), figures)

@@ -1,0 +1,1 @@
+"""What all Python packages of the project stand on; imports none of them."""
