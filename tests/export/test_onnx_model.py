@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import subprocess
 import sys
@@ -123,6 +124,33 @@ def test_batch_size_is_free(exported: RandomModel, n: int) -> None:
     for name, value in part.items():
         assert value.shape == (n, *OUTPUT_SHAPES[name])
         np.testing.assert_allclose(value, all_at_once[name][:n], rtol=2e-3, atol=1e-6)
+
+
+@pytest.mark.parametrize("debug", [False, True])
+@pytest.mark.parametrize("dq0", ["statics", "inverse"])
+def test_inputs_of_another_batch_size_are_refused(dq0: str, debug: bool) -> None:
+    """Whichever inputs differ, and by however much: none is broadcast, and an empty one does not count as absent."""
+    x = random_inputs(6, 7)
+    session = single_thread_session(build_onnx(random_model(3, dq0=dq0), debug).SerializeToString())
+    sizes = [(n, other) for n in (1, 2, 5) for other in (0, 1, n - 1, n + 1) if other != n]
+    subsets = [s for size in range(1, len(INPUT_SHAPES)) for s in itertools.combinations(INPUT_SHAPES, size)]
+    accepted = []
+    for (n, other), some in itertools.product(sizes, subsets):
+        try:
+            session.run(["dx_ht"], {name: v[: other if name in some else n] for name, v in x.items()})
+        except Exception:  # ONNX Runtime's exceptions have no common base of their own
+            continue
+        accepted.append((n, other, some))
+    assert accepted == []
+
+
+@pytest.mark.parametrize("name", INPUT_SHAPES)
+def test_inputs_of_another_shape_are_refused(exported: RandomModel, name: str) -> None:
+    session = single_thread_session(build_onnx(exported).SerializeToString())
+    x = random_inputs(3, 7)
+    for wrong in (x[name][..., None], x[name][None], x[name][0], x[name][..., :-1], np.repeat(x[name], 2, -1)):
+        with pytest.raises(Exception, match=r"(?i)invalid (rank|dimensions)"):
+            session.run(["dx_ht"], x | {name: wrong})
 
 
 def test_zero_rows_and_zero_load_stay_finite(exported: RandomModel) -> None:

@@ -26,6 +26,7 @@ from aminn.dims import (
     N_BRANCH,
     N_CONTACT_FEATURE,
     N_CONTACT_INPUT,
+    N_COORD,
     N_WRENCH,
     OUTPUT_SHAPES,
 )
@@ -35,6 +36,8 @@ from .onnx_graph import GraphBuilder
 from .tables import STAGES, Exported, pair_of
 
 ONNX_FILE, DEBUG_FILE = "aminn.onnx", "aminn_debug.onnx"
+# Elements of a branch's blocks of J_q and J_x.
+N_J_Q, N_J_X = 3 * N_COORD, 3 * N_WRENCH
 OPSET = 18
 IR_VERSION = 8
 # Head outputs of a branch in the model's order, and the order of this graph: what is squashed by tanh stands first.
@@ -166,11 +169,18 @@ class _AminnGraph:
         return self.g.op("Relu", self.linear(v, weight, bias, f"{name}_linear"), name=name)
 
     def contact_input(self) -> tuple[str, str]:
-        """(contact flags (N, 3, 1), input of the contact summary (N, 51))."""
+        """(contact flags (N, 3, 1), input of the contact summary (N, 51)); A S (N, 3, 18) is kept for the closure.
+
+        j_x passes through the rows that contacts and j_q are joined in: Concat refuses a batch of another size, which
+        every product with j_x would repeat in silence where it is 1.
+        """
         g = self.g
-        flag, rest = g.split("contacts", [1, N_CONTACT_FEATURE - 1], 2, ["contact", "contact_rest"])
-        rows = g.op("Concat", rest, g.reshape("j_q", [0, 0, 9], "j_q_rows"), name="contact_raw", axis=2)  # (N, 3, 16)
-        seen = g.op("Mul", flag, rows, name="contact_seen")
+        blocks = [g.reshape(name, [0, 0, size], f"{name}_rows") for name, size in (("j_q", N_J_Q), ("j_x", N_J_X))]
+        rows = g.op("Concat", "contacts", *blocks, name="contact_rows", axis=2)  # (N, 3, 35)
+        sizes, names = [1, N_CONTACT_FEATURE - 1 + N_J_Q, N_J_X], ["contact", "contact_raw", "a_rows"]
+        flag, raw, a = g.split(rows, sizes, 2, names)
+        self.a_s_rows = g.op("Mul", a, g.constant("a_scaling", np.tile(self.scale, 3)), name="a_scaled")
+        seen = g.op("Mul", flag, raw, name="contact_seen")
         u = g.op("Concat", flag, seen, name="contact_features", axis=2)  # (N, 3, 17)
         return flag, g.reshape(u, [0, N_CONTACT_INPUT], "z_c")
 
@@ -187,12 +197,23 @@ class _AminnGraph:
         h2 = self.dense(joined, both("trunk1_w"), both("trunk1_b")[row], "h2")  # (S, N, H)
         return self.dense(h2, both("trunk2_w"), both("trunk2_b")[row], "f")  # (S, N, H)
 
+    def batch_checked(self, v: str, shape: tuple[int, ...], name: str) -> str:
+        """v, of all inputs joined, as (S, N, *shape), N the smallest of their batches; fails if v has more.
+
+        Concat refuses batches of different sizes, but need not refuse an empty one among others.
+        """
+        g = self.g
+        sizes = [g.op("Shape", i, name=f"{i}_batch", start=0, end=1) for i in INPUT_SHAPES]
+        smallest = g.op("Min", *sizes, name="batch")
+        wanted = g.op("Concat", g.index("stages", [len(STAGES)]), smallest, g.index("row", shape), name="rows", axis=0)
+        return g.op("Reshape", v, wanted, name=name, allowzero=1)
+
     def head(self, f: str) -> list[str]:
         """Squashed (S, N, 3, 8), direction (.., 3), beta (.., 1), rho (.., 1) in GRAPH_ORDER."""
         g, n = self.g, len(HEAD_ORDER)
         order = np.concatenate([n * b + np.array([HEAD_ORDER.index(h) for h in GRAPH_ORDER]) for b in range(N_BRANCH)])
         weight, bias = self.both("head_w")[:, order], self.both("head_b")[:, None, order]
-        y = g.reshape(self.linear(f, weight, bias, "head"), [0, 0, N_BRANCH, n], "head_rows")  # (S, N, 3, 13)
+        y = self.batch_checked(self.linear(f, weight, bias, "head"), (N_BRANCH, n), "head_rows")  # (S, N, 3, 13)
         raw, d, be, rh = g.split(y, [8, 3, 1, 1], 3, ["head_tanh", "head_dir", "head_beta", "head_rho"])
         return [g.op("Tanh", raw, name="squashed"), d, be, rh]
 
@@ -306,9 +327,8 @@ class _AminnGraph:
         g = self.g
         self.b = g.op("Neg", "j_q", name="b")  # (N, 3, 3, 3)
         self.root_flag = g.op("Sqrt", flag, name="root_contact")  # (N, 3, 1)
-        block = g.unsqueeze(self.root_flag, [3], "root_contact_block")  # (N, 3, 1, 1)
-        a_s = g.op("Mul", "j_x", self.s, name="a_scaled")
-        self.a_s = g.op("Mul", a_s, block, name="a_contact")  # (N, 3, 3, 6) sqrt(c) A S
+        a_s = g.op("Mul", self.a_s_rows, self.root_flag, name="a_contact_rows")
+        self.a_s = g.reshape(a_s, [0, 0, 3, N_WRENCH], "a_contact")  # (N, 3, 3, 6) sqrt(c) A S
         w_s = g.op("Mul", "w_e", self.s, name="w_scaled")  # (N, 6)
         self.w_s = g.unsqueeze(w_s, [2], "w_scaled_col")  # (N, 6, 1)
 
