@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -44,6 +46,20 @@ def test_picture_is_written(runs: dict[str, Checkpoint], dataset: Dataset, tmp_p
     assert (tmp_path / "new" / "e.png").read_bytes().startswith(b"\x89PNG")
     with pytest.raises(AminnError, match=r"written as \.png"):
         draw(e, tmp_path / "e.bmp")
+
+
+def test_picture_into_a_fifo_and_through_a_link(
+    runs: dict[str, Checkpoint], dataset: Dataset, tmp_path: Path
+) -> None:
+    e = explain_sample(runs["aminn"], dataset, 7)
+    os.mkfifo(tmp_path / "fifo")
+    with ThreadPoolExecutor(1) as pool:
+        got = pool.submit((tmp_path / "fifo").read_bytes)
+        draw(e, tmp_path / "fifo")
+        assert got.result().startswith(b"\x89PNG") and (tmp_path / "fifo").is_fifo()
+    (tmp_path / "e.svg").symlink_to("there.svg")
+    draw(e, tmp_path / "e.svg")
+    assert (tmp_path / "e.svg").is_symlink() and b"<svg" in (tmp_path / "there.svg").read_bytes()
 
 
 def test_command(runs: dict[str, Checkpoint], data_dir: Path, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@ the grasped tool with its principal compliances; as text and as a picture over t
 
 from __future__ import annotations
 
+import io
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from mpl_toolkits.mplot3d.proj3d import proj_transform
 from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError
+from aminn_base.files import write_atomically
 
 from .checkpoint import Checkpoint
 from .dataset import Dataset
@@ -159,13 +161,17 @@ def _on_picture(ax: Axes3D, points: Array) -> Array:
 
 
 def draw(e: Explanation, out: Path) -> None:
-    """The picture: the hand with tool, engagement and springs at the fingers, the softest directions at the tool."""
+    """The picture: the hand with tool, engagement and springs at the fingers, the softest directions at the tool.
+
+    Its kind is the name's ending, of a device or FIFO without one PNG.
+    """
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
     from .grasp_picture import BRANCH_COLOURS, LABEL, branch_points, draw_scene
 
-    if out.suffix not in PICTURES:
+    kind = out.suffix or (".png" if out.exists() and not out.is_file() else "")
+    if kind not in PICTURES:
         raise AminnError(f"{out}: pictures are written as {', '.join(PICTURES)}")
     figure = Figure(figsize=(10.8, 5.6), dpi=130)
     ax = figure.add_axes((0.0, 0.04, 0.62, 0.94), projection="3d", computed_zorder=True)
@@ -225,5 +231,6 @@ def draw(e: Explanation, out: Path) -> None:
     force = " Red: the force." if np.linalg.norm(e.row("w_e")[:3]) > 0 else ""
     text = f"Load case {e.sample}: {verdict}.{force} Black: the softest directions."
     figure.text(0.02, 0.02, text, fontsize=8)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(out, facecolor="white")
+    picture = io.BytesIO()
+    figure.savefig(picture, format=kind.removeprefix("."), facecolor="white")
+    write_atomically(out, picture.getvalue())

@@ -127,5 +127,4 @@ def run_report(
         reports=read_reports(reports, out) if reports else {},
         dataset=_report_data(result.labels, result.data.manifest),
     )
-    out.parent.mkdir(parents=True, exist_ok=True)
     write_report(inputs, out)

@@ -395,5 +395,4 @@ def write_report(inputs: ReportInputs, out_html: Path) -> None:
         pictures=pictures(inputs),
         verification=inputs.verification,
     )
-    out_html.parent.mkdir(parents=True, exist_ok=True)
     write_atomically(out_html, page.encode())

@@ -211,7 +211,6 @@ def _run(study: str, job: Job, folder: Path, path: Path, position: int) -> dict[
     deep = study == "paper" and job.config.train_fraction == 1.0
     figures = {name: figures_on(checkpoint, name, test, deep and name == "iid") for name, test in tests.items()}
     figures["iid"] |= {"seconds": seconds, "n_parameters": checkpoint.meta["n_parameters"]}
-    kept.parent.mkdir(parents=True, exist_ok=True)
     write_json(kept, {"identity": identity, "figures": figures})
     return json.loads(kept.read_text())["figures"]
 

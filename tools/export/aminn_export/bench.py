@@ -210,7 +210,6 @@ def main(model_dir: Path, vectors: Path | None, build_dir: Path, rounds: int, js
         report = bench(model_dir, vectors or model_dir / GOLDEN_FILE, build_dir, rounds)
     except (AminnError, OSError) as error:
         raise click.ClickException(str(error)) from error
-    json_file.parent.mkdir(parents=True, exist_ok=True)
     write_json(json_file, report)
     click.echo(format_bench(report))
     click.echo(f"figures: {json_file}")

@@ -271,7 +271,6 @@ def main(
         figures = fidelity(model_dir, data, work, states, tuple(targets.split(",")), stride, jobs)
     except (AminnError, OSError) as error:
         raise click.ClickException(str(error)) from error
-    json_file.parent.mkdir(parents=True, exist_ok=True)
     write_json(json_file, figures)
     click.echo(format_figures(figures))
     if figures["aims_missed"]:

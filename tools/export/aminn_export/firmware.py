@@ -9,6 +9,7 @@ import tempfile
 from pathlib import Path
 
 from aminn_base.errors import AminnError
+from aminn_base.files import write_atomically
 
 QEMU = "qemu-system-arm"
 BOARDS = {"cortex_m4": "mps2-an386", "cortex_m7": "mps2-an500", "cortex_m33": "mps2-an505"}
@@ -70,7 +71,7 @@ def run_firmware(
     instructions_worst (emulated instructions, not cycles). Raises AminnError if the image reports an error or a fault;
     `out` is then not written.
     """
-    image, vectors, out = Path(image).resolve(), Path(vectors).resolve(), Path(out).resolve()
+    image, vectors, out = Path(image).resolve(), Path(vectors).resolve(), Path(out)
     for path in (image, vectors):
         if not path.is_file():
             raise AminnError(f"{path}: no such file")
@@ -84,5 +85,5 @@ def run_firmware(
         command += ["-serial", "none"]
         command += ["-semihosting-config", semihosting, "-kernel", str(image)]
         text = _run(command, f"firmware {image.name}", cwd=work)
-        shutil.move(work / "results.bin", out)
+        write_atomically(out, (work / "results.bin").read_bytes())
     return {name: int(value) for name, value in re.findall(r"^firmware: (\w+) (\d+)$", text, re.MULTILINE)}

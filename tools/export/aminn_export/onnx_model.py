@@ -31,6 +31,7 @@ from aminn.dims import (
     OUTPUT_SHAPES,
 )
 from aminn_base.errors import AminnError
+from aminn_base.files import write_atomically
 
 from .onnx_graph import GraphBuilder
 from .tables import STAGES, Exported, pair_of
@@ -534,4 +535,4 @@ def build_onnx(exported: Exported, debug: bool = False) -> onnx.ModelProto:
 
 def write_onnx(exported: Exported, path: Path, debug: bool = False) -> None:
     """Write `build_onnx` to `path`; the same tables give the same bytes."""
-    path.write_bytes(build_onnx(exported, debug).SerializeToString(deterministic=True))
+    write_atomically(path, build_onnx(exported, debug).SerializeToString(deterministic=True))

@@ -25,6 +25,7 @@ from aminn.dims import INPUT_SHAPES, OUTPUT_SHAPES
 from aminn.dims import LENGTH_SCALE_M as LENGTH_M
 from aminn.evaluate import align_columns
 from aminn_base.errors import AminnError
+from aminn_base.files import write_atomically
 
 from . import serial_protocol, targets
 from .bin_model import BinModel, read_bin_model
@@ -179,7 +180,7 @@ def _replay_target(name: str, export_dir: Path, vectors: Path, out: Path) -> Rep
     results, figures = targets.replay(
         name, export_dir, model_prefix(export_dir), vectors, vectors.with_name(f"on-{name}")
     )
-    results.replace(out)
+    write_atomically(out, results.read_bytes())
     return {key: value for key, value in figures.items() if key not in ("samples", "refused")}
 
 
