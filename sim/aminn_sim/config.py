@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from dataclasses import dataclass
 
 from . import _core
 from .errors import SimulationError
 
 TOOL_FAMILIES: tuple[str, ...] = _core.TOOL_FAMILIES
-_MAY_BE_ZERO = ("seed", "share_force", "share_moment", "share_point_force", "noise_share")
+RANGES: dict[str, tuple[float, float]] = {
+    "grasps": (1, 2**32),  # points of the Sobol' sequence that grasps are placed by
+    "cases": (1, 1_000_000),
+    "seed": (0, 2**64 - 1),
+    "shard_grasps": (1, 1_000_000),
+    **_core.OPTION_RANGES,
+}
+"""Least and greatest value of every number of the configuration."""
+SHARD_CASES_MAX = 1_000_000
+"""Load cases of one shard, which is made in memory: about a gigabyte."""
+SHARDS_MAX = 100_000
 
 
 @dataclass(frozen=True)
@@ -114,14 +123,13 @@ class SimulationConfig:
             value = getattr(self, field.name)
             if field.name == "families":
                 continue
-            if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+            if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value:
                 raise SimulationError(f"configuration: {field.name} is {value!r}, expected a finite number")
             if field.type == "int" and not isinstance(value, int):
                 raise SimulationError(f"configuration: {field.name} is {value!r}, expected an integer")
-            if field.name == "seed" and not 0 <= value < 2**64:
-                raise SimulationError(f"configuration: seed is {value}, expected 0 to 2^64 - 1")
-            if field.name not in _MAY_BE_ZERO and value <= 0:
-                raise SimulationError(f"configuration: {field.name} is {value}, expected more than 0")
+            low, high = RANGES[field.name]
+            if not low <= value <= high:
+                raise SimulationError(f"configuration: {field.name} is {value}, expected {low:g} to {_text(high)}")
 
     def _check_ranges(self) -> None:
         unknown = [f for f in self.families if f not in TOOL_FAMILIES]
@@ -149,22 +157,34 @@ class SimulationConfig:
         if min(shares.values()) < 0 or sum(shares.values()) > 1:
             text = ", ".join(f"{name} {value}" for name, value in shares.items())
             raise SimulationError(f"configuration: {text} must be 0 or more and at most 1 together")
-        if not 0 <= self.noise_share <= 1:
-            raise SimulationError(f"configuration: noise_share is {self.noise_share}, expected 0 to 1")
         if self.drift_window_s > self.hold_s:
             raise SimulationError(
                 f"configuration: drift_window_s {self.drift_window_s} is longer than hold_s {self.hold_s}"
             )
-        if self.stop_factor < 1:
-            raise SimulationError(f"configuration: stop_factor is {self.stop_factor}, expected 1 or more")
+        in_shard = min(self.grasps, self.shard_grasps) * self.cases
+        if in_shard > SHARD_CASES_MAX:
+            raise SimulationError(
+                f"configuration: {self.cases} cases a grasp make shards of {in_shard} cases, the most is "
+                f"{SHARD_CASES_MAX}; choose fewer cases, or fewer grasps a shard than {self.shard_grasps}"
+            )
+        if self.grasps > SHARDS_MAX * self.shard_grasps:
+            raise SimulationError(
+                f"configuration: {self.grasps} grasps make more than {SHARDS_MAX} shards of {self.shard_grasps}; "
+                "choose fewer grasps or more of them a shard (shard_grasps)"
+            )
 
     def options(self) -> _core.Options:
         """The compiled part's view of this configuration."""
         options = _core.Options()
-        for name in _core.OPTION_NAMES:
+        for name in _core.OPTION_RANGES:
             setattr(options, name, getattr(self, name))
         return options
 
     def family_indices(self) -> list[int]:
         """Indices of `families` in `TOOL_FAMILIES`, in the order given."""
         return [TOOL_FAMILIES.index(name) for name in self.families]
+
+
+def _text(bound: float) -> str:
+    """A bound as one reads it."""
+    return "2^64 - 1" if bound == 2**64 - 1 else f"{bound:,}".replace(",", " ") if bound >= 1000 else f"{bound:g}"

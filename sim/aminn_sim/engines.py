@@ -64,7 +64,7 @@ def simulate_task(task: ShardTask, simulator: _core.Simulator, threads: int, pro
             config.family_indices(),
             progress,
         )
-    except RuntimeError as error:
+    except (RuntimeError, ValueError) as error:
         raise SimulationError(f"shard {task.number}: {error}") from error
 
 

@@ -10,8 +10,10 @@ import dataclasses
 import hashlib
 import io
 import json
+import math
 import os
 import platform
+import shutil
 import sys
 import time
 from contextlib import closing
@@ -33,6 +35,7 @@ from .schema import GROUPS, SCHEMA_VERSION, Field, field_table
 
 # To be raised with every change of the C++ part that changes what is simulated.
 PROTOCOL_VERSION = 2
+THREADS_MAX = 1024
 # Fields of the configuration that do not change what a shard holds.
 _NOT_IN_HASH = ("grasps",)
 
@@ -99,18 +102,20 @@ def simulate(
     report: a file (JSON) for time and rate of this run, if there was anything left to do.
     """
     out = Path(out_dir)
-    if threads < 0:
-        raise SimulationError(f"threads is {threads}, expected 0 (all cores) or more")
+    if not 0 <= threads <= THREADS_MAX:
+        raise SimulationError(f"threads is {threads}, expected 0 (all cores) to {THREADS_MAX}")
     threads = threads or len(os.sched_getaffinity(0))
     run = find_engine(engine)
     hand_file = read_hand_file(hand)
     simulator = hand_file.simulator()
+    check_options(config, simulator)
     check_tools_fit(config, hand_file, simulator)
     digest = config_sha256(config, hand_file)
     sizes = shard_sizes(config)
     _make_folder(out)
     todo = [n for n, size in enumerate(sizes) if not _is_complete(out / shard_name(n), digest, size, config)]
     _refuse_damaged_shards(out)
+    _check_room(out, sum(sizes[n] for n in todo) * config.cases)
     if todo:
         (out / "manifest.json").unlink(missing_ok=True)  # it would describe shards that are about to change
     tasks = [
@@ -165,6 +170,25 @@ def check_tools_fit(config: SimulationConfig, hand_file: HandFile, simulator: _c
         raise SimulationError(
             f"configuration: radius_max_m {config.radius_max_m} makes tools larger than the hand's span: the "
             f"fingertips of {hand_file.path} open to {gap:.4f} m at most; choose at most {gap / 2:.4f}"
+        )
+
+
+def check_options(config: SimulationConfig, simulator: _core.Simulator) -> None:
+    """Raises SimulationError where an option is none for the time step of the hand's model."""
+    try:
+        simulator.check(config.options())
+    except ValueError as error:
+        raise SimulationError(f"configuration: {error}") from error
+
+
+def _check_room(out: Path, cases: int) -> None:
+    """Refuse before any work what the disk cannot hold; the estimate is the numbers of /samples alone."""
+    a_case = sum(np.dtype(f.dtype).itemsize * math.prod(f.shape) for f in GROUPS["samples"].values())
+    free = shutil.disk_usage(out).free
+    if cases * a_case > free:
+        raise SimulationError(
+            f"{out}: {cases} load cases need {cases * a_case / 1e9:.3g} GB or more, {free / 1e9:.3g} GB are free; "
+            "choose fewer grasps or cases, or another folder"
         )
 
 

@@ -48,14 +48,18 @@ int steps_of(double seconds, double dt)
     return static_cast<int>(std::lround(seconds / dt));
 }
 
-GraspWorker::GraspWorker(const Prototype &prototype, const Options &options, std::uint64_t seed)
+GraspWorker::GraspWorker(const Prototype &prototype, const Options &options, std::uint64_t seed,
+                         const std::atomic<bool> *stop)
     : model_(copy_model(*prototype.model)), data_(make_data(*prototype.model)), hand_(prototype.hand),
-      options_(options), synergy_(prototype.synergy), seed_(seed), random_(0, 0, 0)
+      options_(options), synergy_(prototype.synergy), seed_(seed), random_(0, 0, 0), stop_(stop)
 {
+    check_options(options_, model_->opt.timestep);
 }
 
 void GraspWorker::step()
 {
+    if (stop_ != nullptr && stop_->load(std::memory_order_relaxed))
+        throw Stopped();
     const mjModel *m = model_.get();
     mjData *d = data_.get();
     guarded([&] { mj_step(m, d); });

@@ -8,7 +8,9 @@
 #include "synergy.hpp"
 #include "tool.hpp"
 
+#include <atomic>
 #include <cstdint>
+#include <stdexcept>
 #include <vector>
 
 namespace aminn::sim {
@@ -114,10 +116,20 @@ struct Prototype {
     Synergy synergy;
 };
 
+// Thrown out of a grasp or a load case that is no longer wanted.
+struct Stopped : std::runtime_error {
+    Stopped() : std::runtime_error("stopped")
+    {
+    }
+};
+
 // A worker's own model and data. Not shared between threads.
 class GraspWorker {
   public:
-    GraspWorker(const Prototype &prototype, const Options &options, std::uint64_t seed);
+    // Throws std::invalid_argument for options that cannot be simulated. Where `stop` is given and becomes true, the
+    // next step of the engine throws Stopped.
+    GraspWorker(const Prototype &prototype, const Options &options, std::uint64_t seed,
+                const std::atomic<bool> *stop = nullptr);
 
     // Makes the grasp of (seed, shard, index); `families` are those to draw from. The state afterwards is the settled
     // one. Throws std::runtime_error if no attempt succeeds.
@@ -199,6 +211,7 @@ class GraspWorker {
     std::array<double, 2> finger_force_N_{};
     int warnings_before_ = 0;
     std::int64_t steps_ = 0;
+    const std::atomic<bool> *stop_;
 };
 
 } // namespace aminn::sim

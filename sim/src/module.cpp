@@ -161,6 +161,10 @@ class Simulator {
         return shard_arrays(result);
     }
 
+    void check(const Options &options) const
+    {
+        check_options(options, prototype_.model->opt.timestep);
+    }
     nb::dict hand() const
     {
         return hand_dict(*prototype_.model, prototype_.hand);
@@ -446,13 +450,13 @@ NB_MODULE(_core, m)
 
     auto options = nb::class_<Options>(m, "Options", "All numbers of a simulation; fields of SimulationConfig.");
     options.def(nb::init<>());
-    nb::list names;
-#define AMINN_SIM_BIND(type, name, value)  \
-    options.def_rw(#name, &Options::name); \
-    names.append(#name);
+    nb::dict ranges;
+#define AMINN_SIM_BIND(type, name, value, least, greatest) \
+    options.def_rw(#name, &Options::name);                 \
+    ranges[#name] = nb::make_tuple(static_cast<type>(least), static_cast<type>(greatest));
     AMINN_SIM_OPTIONS(AMINN_SIM_BIND)
 #undef AMINN_SIM_BIND
-    m.attr("OPTION_NAMES") = nb::tuple(names);
+    m.attr("OPTION_RANGES") = ranges;
 
     nb::list families, reasons;
     for (const char *name : kToolFamilyNames)
@@ -503,6 +507,8 @@ NB_MODULE(_core, m)
              "Simulate a shard: dict of samples, grasps and noise (dicts of arrays) and of the engine's steps. Same "
              "result "
              "for any number of threads. progress(cases done) is called from this thread; what it raises stops it.")
+        .def("check", &Simulator::check, "options"_a,
+             "Raise ValueError, with the option's name, where they cannot be simulated with this model.")
         .def("hand", &Simulator::hand, "The manifest's entry `hand`, read from the compiled model.")
         .def("gap", &Simulator::gap, "psi"_a, "Distance of the fingertips across the pinch (m) at psi.")
         .def("psi_of", &Simulator::psi_of, "q"_a,

@@ -71,7 +71,7 @@ class Job {
     void work()
     {
         try {
-            GraspWorker worker(prototype_, options_, request_.seed);
+            GraspWorker worker(prototype_, options_, request_.seed, &stop_);
             for (int g = next_++; g < request_.grasps && !stop_; g = next_++)
                 one_grasp(worker, g);
             steps_ += worker.steps();

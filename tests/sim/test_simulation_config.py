@@ -13,16 +13,16 @@ from aminn_sim import SimulationConfig, SimulationError, _core, simulate
 
 def test_defaults_are_those_of_the_compiled_part() -> None:
     config, options = SimulationConfig(), _core.Options()
-    assert {n: getattr(config, n) for n in _core.OPTION_NAMES} == {n: getattr(options, n) for n in _core.OPTION_NAMES}
+    assert {n: getattr(config, n) for n in _core.OPTION_RANGES} == {n: getattr(options, n) for n in _core.OPTION_RANGES}
     python_only = {"grasps", "cases", "seed", "shard_grasps", "families"}
-    assert {f.name for f in dataclasses.fields(config)} == python_only | set(_core.OPTION_NAMES)
+    assert {f.name for f in dataclasses.fields(config)} == python_only | set(_core.OPTION_RANGES)
 
 
 def test_options_carry_every_value() -> None:
-    changed = {n: getattr(SimulationConfig(), n) for n in _core.OPTION_NAMES}
+    changed = {n: getattr(SimulationConfig(), n) for n in _core.OPTION_RANGES}
     changed |= {"force_max_N": 5.0, "grasp_attempts": 17, "rotation_max_rad": 0.2}
     options = SimulationConfig(**changed).options()
-    assert {n: getattr(options, n) for n in _core.OPTION_NAMES} == changed
+    assert {n: getattr(options, n) for n in _core.OPTION_RANGES} == changed
 
 
 def test_dimensions_are_those_of_the_trainer() -> None:
@@ -33,7 +33,14 @@ def test_dimensions_are_those_of_the_trainer() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"grasps": 0}, "grasps is 0, expected more than 0"),
+        ({"grasps": 0}, "grasps is 0, expected 1 to 4 294 967 296"),
+        ({"grasps": 10**12}, "grasps is 1000000000000, expected 1 to"),
+        ({"grasps": 2**32}, "4294967296 grasps make more than 100000 shards of 32"),
+        ({"cases": 10**12}, "cases is 1000000000000, expected 1 to 1 000 000"),
+        ({"cases": 10**6}, "1000000 cases a grasp make shards of 32000000 cases, the most is 1000000"),
+        ({"seed": 2**64}, "seed is 18446744073709551616, expected 0 to 2^64 - 1"),
+        ({"drift_window_s": 0.0004}, "drift_window_s is 0.0004, expected 0.001 to 60"),
+        ({"hold_max_s": 1e12}, "hold_max_s is 1000000000000.0, expected 0.001 to 600"),
         ({"cases": 2.5}, "cases is 2.5, expected an integer"),
         ({"seed": -1}, "seed is -1"),
         ({"ramp_s": math.nan}, "ramp_s is nan, expected a finite number"),

@@ -4,21 +4,40 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from difflib import get_close_matches
 from pathlib import Path
 
 from aminn_base.errors import AminnError
 
+# Fields of the configuration that `--set` leaves to an option of their own.
+OWN_OPTIONS = {
+    "grasps": "--grasps",
+    "cases": "--cases",
+    "seed": "--seed",
+    "shard_grasps": "--shard-grasps",
+    "families": "--family",
+}
+
 
 def simulation_settings(changes: Sequence[str]) -> dict[str, float]:
-    """Fields of the simulation's configuration from texts NAME=VALUE. Raises AminnError where one is no number."""
+    """Fields of the simulation's configuration from texts NAME=VALUE.
+
+    Raises AminnError where one is no number, unknown, given twice, or has an option of its own.
+    """
     from aminn_sim import SimulationConfig
 
-    whole = {f.name: f.type == "int" for f in dataclasses.fields(SimulationConfig) if f.type in ("int", "float")}
+    whole = {f.name: f.type == "int" for f in dataclasses.fields(SimulationConfig) if f.name not in OWN_OPTIONS}
     out: dict[str, float] = {}
     for change in changes:
-        name, equals, text = change.partition("=")
+        name, equals, text = (part.strip() for part in change.partition("="))
+        if name in OWN_OPTIONS:
+            raise AminnError(f"--set {change}: {name} has an option of its own; give {OWN_OPTIONS[name]}")
         if not equals or name not in whole:
-            raise AminnError(f"--set {change}: expected NAME=VALUE with one of {', '.join(whole)}")
+            near = get_close_matches(name, whole, 1)
+            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(whole)}"
+            raise AminnError(f"--set {change}: expected NAME=VALUE with a name of the configuration; {hint}")
+        if name in out:
+            raise AminnError(f"--set {change}: {name} is given twice")
         try:
             out[name] = int(text) if whole[name] else float(text)
         except ValueError as error:
