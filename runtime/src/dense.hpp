@@ -10,9 +10,9 @@
 #ifndef AMINN_SRC_DENSE_HPP
 #define AMINN_SRC_DENSE_HPP
 
-#include <type_traits>
+#include "lanes.hpp" // first
 
-#include "lanes.hpp"
+#include <type_traits>
 
 // Weights are float32 or float16 (as uint16_t); a float16 becomes the float32 of the same value.
 namespace aminn {

@@ -14,15 +14,12 @@
 #ifndef AMINN_SRC_ELEMENTARY_HPP
 #define AMINN_SRC_ELEMENTARY_HPP
 
+#include "core.hpp" // first
+
 #include <cfloat>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
-
-#include "core.hpp"
-
-static_assert(FLT_EVAL_METHOD == 0,
-              "float arithmetic must be rounded to float: on 32-bit x86 compile with -mfpmath=sse");
 
 namespace aminn {
 inline namespace AMINN_CORE {

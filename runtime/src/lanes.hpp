@@ -11,7 +11,6 @@
 #ifndef AMINN_SRC_LANES_HPP
 #define AMINN_SRC_LANES_HPP
 
-#include "aminn_rt.h"
 #include "vector3.hpp"
 
 namespace aminn {

@@ -2,7 +2,6 @@
 #ifndef AMINN_SRC_PARTS_HPP
 #define AMINN_SRC_PARTS_HPP
 
-#include "aminn_rt.h"
 #include "vector3.hpp"
 
 namespace aminn {
