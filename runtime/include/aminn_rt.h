@@ -78,6 +78,13 @@
 extern "C" {
 #endif
 
+/* Structs must lie in memory as in the library: an array of negative size here is -fpack-struct, or a #pragma pack. */
+struct aminn_layout {
+    char c;
+    void *p;
+};
+typedef char aminn_compile_without_fpack_struct[sizeof(struct aminn_layout) == 2 * sizeof(void *) ? 1 : -1];
+
 /* ---- Version --------------------------------------------------------------------------------------------------- */
 
 #define AMINN_VERSION_MAJOR 0
@@ -139,8 +146,10 @@ extern "C" {
 
 /* clang-format on */
 
+/* AMINN_STATUS_WIDTH is no status: it makes the type 32 bits wide also where -fshort-enums, which most compilers for
+ * Cortex-M have on, would make it a byte. Library and caller may be compiled either way. */
 #define AMINN_STATUS_ENUM(name, value, text) name = (value),
-typedef enum aminn_status { AMINN_STATUS_LIST(AMINN_STATUS_ENUM) } aminn_status_t;
+typedef enum aminn_status { AMINN_STATUS_LIST(AMINN_STATUS_ENUM) AMINN_STATUS_WIDTH = -2147483647 - 1 } aminn_status_t;
 #undef AMINN_STATUS_ENUM
 
 /* ---- Model ----------------------------------------------------------------------------------------------------- */
