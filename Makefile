@@ -33,13 +33,12 @@ SHELL := /bin/bash
 
 # --- what is stale when -------------------------------------------------------------------------------------------
 sources = $(shell find $(wildcard $(1)) -type f -not -name '*.pyc' -not -path '*/.*')
-MODULE_SOURCES  := CMakeLists.txt pyproject.toml $(wildcard runtime/include/aminn_rt.h) \
-                   $(filter-out %.py,$(call sources,sim))
 RUNTIME_SOURCES := CMakeLists.txt $(filter-out %.py runtime/firmware/%,$(call sources,runtime))
+MODULE_SOURCES  := pyproject.toml $(RUNTIME_SOURCES) $(filter-out %.py,$(call sources,sim tools/export))
 TEST_SOURCES    := $(filter-out %.py,$(call sources,tests/runtime tests/golden))
 FIRMWARE_SOURCES := $(RUNTIME_SOURCES) $(filter-out %.py,$(call sources,runtime/firmware tests/golden))
 FUZZ_SOURCES    := $(RUNTIME_SOURCES) $(filter-out %.py,$(call sources,tests/fuzz tests/golden))
-FORMATTED       := $(filter %.c %.h %.cpp %.hpp,$(call sources,sim runtime tests/runtime tests/fuzz))
+FORMATTED       := $(filter %.c %.h %.cpp %.hpp,$(call sources,sim runtime tools/export tests/runtime tests/fuzz))
 PYTHON_FOLDERS  := $(wildcard sim trainer tools tests runtime)
 
 # --- targets for people -------------------------------------------------------------------------------------------
@@ -189,9 +188,9 @@ $(STAMPS)/venv: constraints.txt pyproject.toml tools/setup/python.sh $(VENV)/pyv
 	@tools/setup/python.sh $(VENV) $(PIP_ARGS)
 	@touch $@
 
-# The three Python packages, linked to the tree (a change of a .py file needs nothing), and the compiled simulation.
+# The Python packages, linked to the tree (a change of a .py file needs nothing), and their compiled modules.
 $(STAMPS)/module: $(STAMPS)/venv $(MODULE_SOURCES) | $(STAMPS)/apt-host $(STAMPS)/apt-sim
-	@echo "Building the simulation module"
+	@echo "Building the Python modules"
 	@$(QUIET) $(BUILD)/logs/module.log $(PYTHON) -m pip install --disable-pip-version-check \
 	  --no-build-isolation --no-deps --editable .
 	@touch $@

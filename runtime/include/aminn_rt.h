@@ -93,7 +93,7 @@ typedef char aminn_compile_without_fpack_struct[sizeof(struct aminn_layout) == 2
 #define AMINN_VERSION_STRING "0.1.0"
 
 /* Version of the model's layout, in memory and as a blob. A model of another version is refused. */
-#define AMINN_FORMAT_VERSION 5u
+#define AMINN_FORMAT_VERSION 6u
 
 /* ---- Dimensions ------------------------------------------------------------------------------------------------ */
 
@@ -140,9 +140,15 @@ typedef char aminn_compile_without_fpack_struct[sizeof(struct aminn_layout) == 2
     X(AMINN_E_MAGIC, -12, "the blob is not an AMINN model")                                                           \
     X(AMINN_E_VERSION, -13, "the model has another format version than this runtime: export it again")                \
     X(AMINN_E_SIZE, -14, "the blob is truncated, or its length does not fit its dimensions")                          \
-    X(AMINN_E_CRC, -15, "the blob's CRC-32 does not match: it is damaged")                                            \
+    X(AMINN_E_CRC, -15, "the model's CRC-32 does not match: it is damaged")                                           \
     X(AMINN_E_ALIGN, -16, "the blob is not aligned to 4 bytes")                                                       \
-    X(AMINN_E_CONTEXT_SIZE, -17, "sizeof(aminn_t) differs from the library's: compiled with another AMINN_MAX_WIDTH")
+    X(AMINN_E_CONTEXT_SIZE, -17, "sizeof(aminn_t) differs from the library's: compiled with another AMINN_MAX_WIDTH") \
+    X(AMINN_E_BYTE_ORDER, -18, "the blob is little endian, this processor is not: compile the C model in its place")  \
+    X(AMINN_E_ROUNDING, -19, "the processor does not round to nearest: set its rounding mode back")                   \
+    X(AMINN_E_FLUSH, -20, "subnormal numbers are flushed to zero: clear FPSCR.FZ, or MXCSR.FTZ and DAZ")              \
+    X(AMINN_E_CONTRACTED, -21, "products and sums are fused: compile the library with -ffp-contract=off")             \
+    X(AMINN_E_FAST_MATH, -22, "arithmetic is reordered or approximated: compile without -ffast-math and its parts")   \
+    X(AMINN_E_KNOWN_ANSWER, -23, "the library computes other bits than it must: miscompiled, or memory is damaged")
 
 /* clang-format on */
 
@@ -186,6 +192,7 @@ typedef struct aminn_stage_model {
  * aminn_model_from_blob(). Not meant to be written by hand. HD is classifier_width. */
 typedef struct aminn_model {
     uint32_t format_version; /* AMINN_FORMAT_VERSION */
+    uint32_t content_crc;    /* CRC-32 of what follows but for the names (docs/model-format.md): aminn_self_test() */
     uint32_t n_branch;       /* AMINN_N_BRANCH, and so on: a model made for another hand is refused */
     uint32_t n_coord;
     uint32_t n_joint;
@@ -196,11 +203,16 @@ typedef struct aminn_model {
     uint32_t classifier_width;     /* HD, 1 .. AMINN_MAX_WIDTH */
     uint32_t dq0;                  /* AMINN_DQ0_STATICS or AMINN_DQ0_INVERSE */
     uint32_t weight_type;          /* AMINN_WEIGHTS_FLOAT32 or AMINN_WEIGHTS_FLOAT16: of the tables that end in _w */
-    uint8_t checkpoint_sha256[32]; /* SHA-256 of the checkpoint it was exported from */
+    uint32_t stages_crc;           /* CRC-32 of both stages' aminn_stage_debug_t for the known answer's state */
     float length_scale;            /* makes rotations and translations comparable, m, > 0 */
     float log_range;               /* springs stay within exp(+-log_range) of nominal, >= 0 */
     float displacement_log_scale;  /* m, > 0 */
     float tau;                     /* the grasp holds if p_stable >= tau, 0 .. 1 */
+    uint8_t checkpoint_sha256[32]; /* which model: SHA-256 of the checkpoint it was exported from */
+    uint8_t data_sha256[32];       /* trained on which data set: config_sha256 of its manifest; zeros: not known */
+    const char *name;              /* given at export, else the symbol prefix; at most 55 characters, as hand */
+    const char *hand;              /* name of the hand, and 8 digits of its constants' SHA-256 */
+    const char *made_by;           /* program and version that exported it, "aminn 0.1.0"; at most 39 characters */
     const float *wrench_log_scale; /* (6)             N, N.m; > 0 */
     const float *chol_nom;         /* (3 x 6)         nominal springs, Cholesky factor 00 11 22 10 20 21 */
     const float *tendon_dir_nom;   /* (3 x 3)         nominal tendon direction */
@@ -218,7 +230,8 @@ typedef struct aminn_model {
     const float *cls1_b;           /* (HD) */
     const void *cls2_w;            /* (HD) */
     const float *cls2_b;           /* (1) */
-    aminn_stage_model_t stage[AMINN_N_STAGE]; /* 0: stage 1, 1: stage 2 */
+    const struct aminn_known_answer *known_answer; /* a state, and the bits of its prediction */
+    aminn_stage_model_t stage[AMINN_N_STAGE];      /* 0: stage 1, 1: stage 2 */
 } aminn_model_t;
 
 /* ---- Inputs and outputs ---------------------------------------------------------------------------------------- */
@@ -291,6 +304,13 @@ typedef struct aminn_output {
     uint32_t notes;
 } aminn_output_t;
 
+/* A state and what must come of it, bit by bit, on every machine: aminn_predict_state() with AMINN_FLAG_ALWAYS_STAGE2. Of
+ * the training data, where the model was exported with them. */
+typedef struct aminn_known_answer {
+    aminn_state_t state;
+    aminn_output_t output;
+} aminn_known_answer_t;
+
 /* What one stage computed on its way, for logging and for comparing runtimes. */
 typedef struct aminn_stage_debug {
     float k_spring[AMINN_N_BRANCH][AMINN_N_COORD][AMINN_N_COORD]; /* joint springs, SPD, N.m/rad */
@@ -355,6 +375,25 @@ static inline aminn_status_t aminn_init(aminn_t *ctx, const aminn_model_t *model
 }
 
 /*
+ * Find out whether this library, on this processor, computes the bits that it must. Two lines at boot:
+ *
+ *     aminn_status_t status = aminn_init(&ctx, &aminn_model, 0);
+ *     status = status == AMINN_OK ? aminn_self_test(&ctx) : status;
+ *
+ *   ctx  initialised context. Its flags stay. What aminn_debug() showed is gone; the context is as after aminn_init().
+ *
+ * Looks at the arithmetic of the very code that predicts, then at the CRC-32 of the model's constants and tables, then
+ * predicts from the model's known answer and compares every word of the output and of both stages. Takes as long as a
+ * prediction and a CRC-32 of the whole model: at start, not in the control loop. No output but the status.
+ *
+ * Returns AMINN_OK; AMINN_E_NULL; AMINN_E_NOT_INITIALISED; in this order AMINN_E_ROUNDING, AMINN_E_FAST_MATH,
+ * AMINN_E_CONTRACTED, AMINN_E_FLUSH: what is wrong with the arithmetic, by compiler option or processor state;
+ * AMINN_E_CRC: the model is damaged; AMINN_E_KNOWN_ANSWER: neither, and yet other bits. After an error predictions may be
+ * wrong in any digit: the context still predicts, it is the caller's to refuse it.
+ */
+aminn_status_t aminn_self_test(aminn_t *ctx);
+
+/*
  * Predict, closure Jacobians given.
  *
  *   ctx  initialised context, written.
@@ -386,7 +425,8 @@ aminn_status_t aminn_predict_state(aminn_t *ctx, const aminn_state_t *state, ami
  *   contacts  rows of aminn_state_t.contacts (3 x 8); only flag and position are used.
  *   j_x, j_q  written (3 x 3 x 6) and (3 x 3 x 3); the blocks of a branch whose contact flag is 0 are zero.
  *
- * Returns AMINN_OK, AMINN_E_NULL, or AMINN_E_NONFINITE. After an error j_x and j_q are NaN throughout (where not null).
+ * Returns AMINN_OK, AMINN_E_NULL, AMINN_E_NONFINITE, or AMINN_E_NUMERIC where a joint angle exceeds 8192 rad: its sine has
+ * no digits. After an error j_x and j_q are NaN throughout (where not null).
  */
 aminn_status_t aminn_closure(const aminn_model_t *model, const float q[AMINN_N_JOINT], const float x_ht[AMINN_N_WRENCH],
                              const float contacts[AMINN_N_BRANCH][AMINN_N_CONTACT_FEATURE],
@@ -418,10 +458,26 @@ aminn_status_t aminn_model_check(const aminn_model_t *model);
  *   len        number of bytes there; exactly the blob's own length.
  *   model_out  written: constants and pointers into bytes.
  *
- * Returns AMINN_OK, AMINN_E_NULL, AMINN_E_ALIGN, AMINN_E_SIZE, AMINN_E_MAGIC, AMINN_E_VERSION, AMINN_E_CRC, or what
- * aminn_model_check() returns. After an error *model_out is all zero, which every other function refuses.
+ * Returns AMINN_OK, AMINN_E_NULL, AMINN_E_ALIGN, AMINN_E_SIZE, AMINN_E_BYTE_ORDER, AMINN_E_MAGIC, AMINN_E_VERSION,
+ * AMINN_E_CRC, or what aminn_model_check() returns. After an error *model_out is all zero, which every other function refuses.
  */
 aminn_status_t aminn_model_from_blob(const void *bytes, size_t len, aminn_model_t *model_out);
+
+/*
+ * The first number of a state that lies outside what the model was trained on: why AMINN_NOTE_OUT_OF_RANGE is set.
+ *
+ *   model  checked model.
+ *   state  44 numbers in the order of its fields: q 0 .. 7, x_ht 8 .. 13, w_e 14 .. 19, contacts 20 .. 43.
+ *
+ * Returns its index, to be looked up in range_min and range_max and named by aminn_field_name(); -1 if there is none or a
+ * pointer is null. Exactly where a prediction from that state is noted as out of range it is not -1. Of a branch out of
+ * contact the flag alone counts.
+ */
+int aminn_first_out_of_range(const aminn_model_t *model, const aminn_state_t *state);
+
+/* Name of such a number with its unit, for instance "contacts[2].normal_force_N"; "none" for any other index. A constant,
+ * never null. */
+const char *aminn_field_name(int index);
 
 /* Name of a status code, for instance "AMINN_E_CRC"; "AMINN_E_UNKNOWN" for any other number. A constant, never null. */
 const char *aminn_status_name(int status);

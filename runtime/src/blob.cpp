@@ -1,4 +1,5 @@
 // A model as bytes in memory (docs/model-format.md).
+#include "crc.hpp"
 #include "parts.hpp"
 #include "tables.hpp"
 
@@ -11,8 +12,9 @@ constexpr uint32_t kMagic = 0x4D4E4D41u; // "AMNM"
 struct Header {
     uint32_t magic;
     uint32_t format_version;
-    uint32_t size; // of the whole blob, bytes
-    uint32_t crc;  // of everything after this field
+    uint32_t size;        // of the whole blob, bytes
+    uint32_t crc;         // of everything after this field
+    uint32_t content_crc; // from here to data_sha256 as in aminn_model_t
     uint32_t n_branch;
     uint32_t n_coord;
     uint32_t n_joint;
@@ -23,31 +25,31 @@ struct Header {
     uint32_t classifier_width;
     uint32_t dq0;
     uint32_t weight_type;
-    uint8_t checkpoint_sha256[32];
+    uint32_t stages_crc;
     float length_scale;
     float log_range;
     float displacement_log_scale;
     float tau;
+    uint8_t checkpoint_sha256[32];
+    uint8_t data_sha256[32];
     float eps_m[AMINN_N_STAGE];
     float eps_kx[AMINN_N_STAGE];
     float eps_jq[AMINN_N_STAGE];
+    char name[56];
+    char hand[56];
+    char made_by[40];
 };
-static_assert(sizeof(Header) == 128, "header layout");
-constexpr size_t kCrcStart = offsetof(Header, n_branch);
+static_assert(sizeof(Header) == 320, "header layout");
+constexpr size_t kCrcStart = offsetof(Header, content_crc);
+constexpr size_t kSameBytes = offsetof(Header, eps_m) - offsetof(Header, content_crc);
+static_assert(offsetof(aminn_model_t, data_sha256) + sizeof(aminn_model_t::data_sha256) -
+                      offsetof(aminn_model_t, content_crc) ==
+                  kSameBytes,
+              "copied as a whole");
 
-// CRC-32 (IEEE 802.3, reflected), half a byte at a time: a table of 64 bytes
-uint32_t crc32(const uint8_t *bytes, size_t n)
+constexpr uint32_t reversed(uint32_t v)
 {
-    static const uint32_t kTable[16] = {0x00000000u, 0x1DB71064u, 0x3B6E20C8u, 0x26D930ACu, 0x76DC4190u, 0x6B6B51F4u,
-                                        0x4DB26158u, 0x5005713Cu, 0xEDB88320u, 0xF00F9344u, 0xD6D6A3E8u, 0xCB61B38Cu,
-                                        0x9B64C2B0u, 0x86D3D2D4u, 0xA00AE278u, 0xBDBDF21Cu};
-    uint32_t crc = 0xFFFFFFFFu;
-    for (size_t i = 0; i < n; ++i) {
-        crc ^= bytes[i];
-        crc = (crc >> 4) ^ kTable[crc & 15u];
-        crc = (crc >> 4) ^ kTable[crc & 15u];
-    }
-    return ~crc;
+    return v >> 24 | (v >> 8 & 0xFF00u) | (v & 0xFF00u) << 8 | v << 24;
 }
 
 aminn_status_t check_header(const uint8_t *bytes, size_t len, Header &header)
@@ -57,7 +59,7 @@ aminn_status_t check_header(const uint8_t *bytes, size_t len, Header &header)
     }
     std::memcpy(&header, bytes, sizeof header);
     if (header.magic != kMagic) {
-        return AMINN_E_MAGIC;
+        return header.magic == reversed(kMagic) ? AMINN_E_BYTE_ORDER : AMINN_E_MAGIC;
     }
     if (header.format_version != AMINN_FORMAT_VERSION) {
         return AMINN_E_VERSION;
@@ -65,32 +67,29 @@ aminn_status_t check_header(const uint8_t *bytes, size_t len, Header &header)
     if (header.size != len) {
         return AMINN_E_SIZE;
     }
-    return crc32(bytes + kCrcStart, len - kCrcStart) == header.crc ? AMINN_OK : AMINN_E_CRC;
+    return crc32(0, bytes + kCrcStart, len - kCrcStart, 1) == header.crc ? AMINN_OK : AMINN_E_CRC;
 }
 
 void copy_constants(const Header &h, aminn_model_t &m)
 {
     m.format_version = h.format_version;
-    m.n_branch = h.n_branch;
-    m.n_coord = h.n_coord;
-    m.n_joint = h.n_joint;
-    m.n_contact_feature = h.n_contact_feature;
-    m.n_wrench = h.n_wrench;
-    m.contact_width = h.contact_width;
-    m.width = h.width;
-    m.classifier_width = h.classifier_width;
-    m.dq0 = h.dq0;
-    m.weight_type = h.weight_type;
-    std::memcpy(m.checkpoint_sha256, h.checkpoint_sha256, sizeof m.checkpoint_sha256);
-    m.length_scale = h.length_scale;
-    m.log_range = h.log_range;
-    m.displacement_log_scale = h.displacement_log_scale;
-    m.tau = h.tau;
+    std::memcpy(&m.content_crc, &h.content_crc, kSameBytes);
     for (int i = 0; i < AMINN_N_STAGE; ++i) {
         m.stage[i].eps_m = h.eps_m[i];
         m.stage[i].eps_kx = h.eps_kx[i];
         m.stage[i].eps_jq = h.eps_jq[i];
     }
+}
+
+// Point the names into the blob; false if one does not end there.
+bool place_names(const uint8_t *bytes, aminn_model_t &m)
+{
+    const auto *header = reinterpret_cast<const Header *>(bytes); // it begins where a number may
+    m.name = header->name;
+    m.hand = header->hand;
+    m.made_by = header->made_by;
+    return header->name[sizeof header->name - 1] == '\0' && header->hand[sizeof header->hand - 1] == '\0' &&
+           header->made_by[sizeof header->made_by - 1] == '\0';
 }
 
 static_assert(sizeof(Header) % kTableAlignment == 0, "the tables follow the header at once");
@@ -126,12 +125,16 @@ aminn_status_t load(const uint8_t *bytes, size_t len, aminn_model_t &m)
     if (!widths_sane(m)) { // before they are multiplied
         return AMINN_E_DIMS;
     }
+    const bool named = place_names(bytes, m);
     const bool placed = place_tables(bytes, len, m);
     const aminn_status_t checked = aminn_model_check(&m);
     if (checked == AMINN_E_DIMS) { // other dimensions make other lengths: name the cause
         return checked;
     }
-    return placed ? checked : AMINN_E_SIZE;
+    if (!placed) {
+        return AMINN_E_SIZE;
+    }
+    return named ? checked : AMINN_E_MODEL;
 }
 
 } // namespace

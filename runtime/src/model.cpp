@@ -28,7 +28,8 @@ bool positive(const float *v, int n)
 
 bool constants_ok(const aminn_model_t &m)
 {
-    bool ok = m.weight_type <= AMINN_WEIGHTS_FLOAT16 && (m.dq0 == AMINN_DQ0_STATICS || m.dq0 == AMINN_DQ0_INVERSE) &&
+    bool ok = m.name != nullptr && m.hand != nullptr && m.made_by != nullptr &&
+              m.weight_type <= AMINN_WEIGHTS_FLOAT16 && (m.dq0 == AMINN_DQ0_STATICS || m.dq0 == AMINN_DQ0_INVERSE) &&
               within(m.length_scale, kSmallestBits, kLargestBits) &&
               within(m.displacement_log_scale, kSmallestBits, kLargestBits) && within(m.log_range, 0, kLargestBits) &&
               within(m.tau, 0, kOneBits);
@@ -57,7 +58,7 @@ bool tables_finite(const aminn_model_t &m)
         if (values == nullptr) {
             return false;
         }
-        const bool half = table.weights && m.weight_type == AMINN_WEIGHTS_FLOAT16;
+        const bool half = element_size(m, table) == sizeof(uint16_t);
         if (half ? !all_finite16(static_cast<const uint16_t *>(values), n)
                  : !all_finite(static_cast<const float *>(values), static_cast<int>(n))) {
             return false;

@@ -16,12 +16,40 @@ bool closure(const aminn_model_t &model, const float *q, const float *x_ht,
              const float (*contacts)[AMINN_N_CONTACT_FEATURE], float (*j_x)[3][AMINN_N_WRENCH],
              float (*j_q)[3][AMINN_N_COORD]);
 
+// predict.cpp: a context that aminn_init has prepared
+constexpr uint32_t kTag = 0x414D4E43u; // "AMNC"
+inline bool initialised(const aminn_t &ctx)
+{
+    return ctx.tag == kTag;
+}
+
+// cascade.cpp, compiled for each instruction set
+#define AMINN_CORE_FUNCTIONS                                                                                \
+    /* a prediction from a checked input; false if a stage's results are not sound */                       \
+    bool run_cascade(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out);                           \
+    /* what is wrong with the arithmetic of this core: a status of aminn_self_test, AMINN_OK for nothing */ \
+    aminn_status_t probe_arithmetic();
+
 inline namespace AMINN_CORE {
-
-// cascade.cpp: a prediction from a checked input; false if a stage's results are not sound
-bool run_cascade(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out);
-
+AMINN_CORE_FUNCTIONS
 } // namespace AMINN_CORE
+
+#ifdef AMINN_RT_DISPATCH
+namespace core_avx2 {
+AMINN_CORE_FUNCTIONS
+}
+namespace core_avx512 {
+AMINN_CORE_FUNCTIONS
+}
+
+// Calls the function of the core that suits this processor.
+#define AMINN_ON_BEST_CORE(call)                                                                 \
+    (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") ? core_avx512::call \
+     : __builtin_cpu_supports("avx2")                                        ? core_avx2::call   \
+                                                                             : aminn::AMINN_CORE::call)
+#else
+#define AMINN_ON_BEST_CORE(call) call
+#endif
 } // namespace aminn
 
 #endif

@@ -4,7 +4,6 @@
 namespace aminn {
 namespace {
 
-constexpr uint32_t kTag = 0x414D4E43u; // "AMNC"
 constexpr uint32_t kKnownFlags = AMINN_FLAG_ALWAYS_STAGE2 | AMINN_FLAG_DEBUG;
 
 static_assert(sizeof(aminn_input_t) == 125 * sizeof(float), "aminn_input_t is 125 floats without gaps");
@@ -29,38 +28,10 @@ AMINN_FUNCTION aminn_status_t fail(aminn_status_t status, aminn_output_t *out)
     return status;
 }
 
-#ifdef AMINN_RT_DISPATCH
-} // namespace
-// the same core, compiled for other instruction sets of this architecture
-namespace core_avx2 {
-bool run_cascade(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out);
-}
-namespace core_avx512 {
-bool run_cascade(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out);
-}
-namespace {
-
-bool run_best_core(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out)
-{
-    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl")) {
-        return core_avx512::run_cascade(ctx, in, out);
-    }
-    if (__builtin_cpu_supports("avx2")) {
-        return core_avx2::run_cascade(ctx, in, out);
-    }
-    return AMINN_CORE::run_cascade(ctx, in, out);
-}
-#else
-bool run_best_core(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out)
-{
-    return run_cascade(ctx, in, out);
-}
-#endif
-
 aminn_status_t predict_checked(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out)
 {
     clear(out);
-    if (!run_best_core(ctx, in, out)) {
+    if (!AMINN_ON_BEST_CORE(run_cascade(ctx, in, out))) {
         ctx.stages_done = 0;
         return fail(AMINN_E_NUMERIC, &out);
     }
@@ -69,11 +40,6 @@ aminn_status_t predict_checked(aminn_t &ctx, const aminn_input_t &in, aminn_outp
         out.notes |= AMINN_NOTE_ILL_CONDITIONED;
     }
     return AMINN_OK;
-}
-
-bool initialised(const aminn_t &ctx)
-{
-    return ctx.tag == kTag;
 }
 
 // Of both predict functions: the context, the pointers, and the n numbers of the input, which begins as aminn_state_t

@@ -1,17 +1,11 @@
 // Names of status codes, version.
-#include "aminn_rt.h"
+#include "status_list.hpp"
 
 const char *aminn_status_name(int status)
 {
-    switch (status) {
-#define AMINN_CASE(name, value, text) \
-    case value:                       \
-        return #name;
-        AMINN_STATUS_LIST(AMINN_CASE)
-#undef AMINN_CASE
-    default:
-        return "AMINN_E_UNKNOWN";
-    }
+#define AMINN_WORD(name, value, text) #name "\0"
+    return aminn::status_word(AMINN_STATUS_LIST(AMINN_WORD) "AMINN_E_UNKNOWN", status);
+#undef AMINN_WORD
 }
 
 const char *aminn_version(void)

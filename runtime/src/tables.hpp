@@ -41,7 +41,8 @@ struct TableInfo {
         AMINN_TABLE(stage[i].head_w, kWidth, AMINN_N_HEAD_STORED, true),                                             \
         AMINN_TABLE(stage[i].head_b, AMINN_N_HEAD_STORED, 1, false)
 
-constexpr TableInfo kTables[] = {
+inline constexpr TableInfo kTables[] = {
+    // one copy, whoever walks it
     AMINN_TABLE(wrench_log_scale, AMINN_N_WRENCH, 1, false),
     AMINN_TABLE(chol_nom, AMINN_N_BRANCH, 6, false),
     AMINN_TABLE(tendon_dir_nom, AMINN_N_BRANCH, AMINN_N_COORD, false),
@@ -61,7 +62,11 @@ constexpr TableInfo kTables[] = {
     AMINN_TABLE(cls1_b, kClassifierWidth, 1, false),
     AMINN_TABLE(cls2_w, kClassifierWidth, 1, true),
     AMINN_TABLE(cls2_b, 1, 1, false),
+    AMINN_TABLE(known_answer, 31, 3, false),
 };
+
+static_assert(sizeof(aminn_known_answer_t) == 31 * 3 * sizeof(float),
+              "the known answer is checked and placed as a table");
 
 inline uint32_t extent(const aminn_model_t &m, uint8_t code)
 {
@@ -82,7 +87,7 @@ inline uint32_t extent(const aminn_model_t &m, uint8_t code)
 }
 
 // Elements of a table. The widths in the model must be set.
-inline uint32_t table_length(const aminn_model_t &m, const TableInfo &table)
+[[gnu::noinline]] inline uint32_t table_length(const aminn_model_t &m, const TableInfo &table)
 {
     return extent(m, table.rows) * extent(m, table.columns);
 }
@@ -91,11 +96,16 @@ inline uint32_t table_length(const aminn_model_t &m, const TableInfo &table)
 // lines of a host's cache as it can.
 constexpr size_t kTableAlignment = 64;
 
+// Bytes of one of a table's numbers.
+inline size_t element_size(const aminn_model_t &m, const TableInfo &table)
+{
+    return table.weights && m.weight_type == AMINN_WEIGHTS_FLOAT16 ? sizeof(uint16_t) : sizeof(float);
+}
+
 // What a table takes of a blob, with what fills it up.
 inline size_t table_room(const aminn_model_t &m, const TableInfo &table)
 {
-    const bool half = table.weights && m.weight_type == AMINN_WEIGHTS_FLOAT16;
-    const size_t size = table_length(m, table) * (half ? sizeof(uint16_t) : sizeof(float));
+    const size_t size = table_length(m, table) * element_size(m, table);
     return (size + kTableAlignment - 1) / kTableAlignment * kTableAlignment;
 }
 

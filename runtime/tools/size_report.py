@@ -68,7 +68,7 @@ def library_text(archive: Path, image: Path) -> dict[str, int]:
 def strings(linker_map: Path) -> int:
     """Bytes of the library's string literals in the image: the names of the status codes, which have no symbol."""
     layout = linker_map.read_text().partition("Linker script and memory map")[2]
-    sections = re.findall(r"^ \.rodata\S*\.str\S*\s+0x\w+\s+0x(\w+)\s+\S*libaminn_rt\.a\(", layout, re.MULTILINE)
+    sections = re.findall(r"^ \.rodata(?:\S*\.str\S*)?\s+0x\w+\s+0x(\w+)\s+\S*libaminn_rt\.a\(", layout, re.MULTILINE)
     return sum(int(size, 16) for size in sections)
 
 

@@ -16,19 +16,36 @@ aminn_output_t out;
 
 void check_refused(aminn_status_t status)
 {
-    FUZZ_CHECK(status <= AMINN_E_DIMS && status >= AMINN_E_ALIGN);
+    FUZZ_CHECK((status <= AMINN_E_DIMS && status >= AMINN_E_ALIGN) || status == AMINN_E_BYTE_ORDER);
     FUZZ_CHECK(model.format_version == 0 && model.wrench_log_scale == nullptr && model.cls2_b == nullptr);
     FUZZ_CHECK(model.stage[0].contact_mean == nullptr && model.stage[1].head_b == nullptr);
     FUZZ_CHECK(aminn_init(&ctx, &model, 0) == AMINN_E_VERSION);
     FUZZ_CHECK(aminn_predict(&ctx, &golden_input(), &out) == AMINN_E_NOT_INITIALISED);
 }
 
+// they end inside the blob's header
+void check_names()
+{
+    FUZZ_CHECK(std::strlen(model.name) < 56 && std::strlen(model.hand) < 56 && std::strlen(model.made_by) < 40);
+}
+
+// whatever the blob, one of the documented codes; flags and context stay as they were
+void self_test()
+{
+    const uint32_t flags = ctx.flags;
+    const aminn_status_t status = aminn_self_test(&ctx);
+    FUZZ_CHECK(status == AMINN_OK || status == AMINN_E_CRC || status == AMINN_E_KNOWN_ANSWER);
+    FUZZ_CHECK(ctx.flags == flags && aminn_debug(&ctx, 0) == nullptr);
+}
+
 void predict_once()
 {
+    check_names();
     const aminn_input_t &in = golden_input();
     aminn_state_t state;
     std::memcpy(&state, &in, sizeof state);
     FUZZ_CHECK(aminn_init(&ctx, &model, AMINN_FLAG_ALWAYS_STAGE2 | AMINN_FLAG_DEBUG) == AMINN_OK);
+    self_test();
     scribble(&out, sizeof out);
     check_prediction(ctx, model, state.w_e, aminn_predict_state(&ctx, &state, &out), out);
 }
@@ -77,9 +94,11 @@ size_t mutate_once(uint8_t *data, size_t size, size_t max_size, Random &random)
     case 3:
         mutate_slice(data, size, random);
         return size;
-    case 4:
-        mutate_float(data + 88 + 4 * below(random, 10), random); // the header's constants
+    case 4: { // the header's constants
+        const size_t i = below(random, 10);
+        mutate_float(data + (i < 4 ? kBlobScalars + 4 * i : kBlobEps + 4 * (i - 4)), random);
         return size;
+    }
     default:
         mutate_float(data + 4 * below(random, size / 4), random);
         return size;

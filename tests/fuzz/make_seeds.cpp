@@ -26,17 +26,32 @@ void put(Bytes &bytes, const T &value)
     bytes.insert(bytes.end(), from, from + sizeof value);
 }
 
+void put_name(Bytes &bytes, const char *name, size_t room)
+{
+    const size_t end = bytes.size() + room;
+    bytes.insert(bytes.end(), name, name + std::strlen(name));
+    bytes.resize(end);
+}
+
 void put_header(Bytes &bytes, const aminn_model_t &m)
 {
-    for (uint32_t v : {kMagic, m.format_version, 0u, 0u, m.n_branch, m.n_coord, m.n_joint, m.n_contact_feature,
-                       m.n_wrench, m.contact_width, m.width, m.classifier_width, m.dq0, m.weight_type}) {
+    for (uint32_t v :
+         {kMagic, m.format_version, 0u, 0u, m.content_crc, m.n_branch, m.n_coord, m.n_joint, m.n_contact_feature,
+          m.n_wrench, m.contact_width, m.width, m.classifier_width, m.dq0, m.weight_type, m.stages_crc}) {
+        put(bytes, v);
+    }
+    for (float v : {m.length_scale, m.log_range, m.displacement_log_scale, m.tau}) {
         put(bytes, v);
     }
     put(bytes, m.checkpoint_sha256);
-    for (float v : {m.length_scale, m.log_range, m.displacement_log_scale, m.tau, m.stage[0].eps_m, m.stage[1].eps_m,
-                    m.stage[0].eps_kx, m.stage[1].eps_kx, m.stage[0].eps_jq, m.stage[1].eps_jq}) {
+    put(bytes, m.data_sha256);
+    for (float v : {m.stage[0].eps_m, m.stage[1].eps_m, m.stage[0].eps_kx, m.stage[1].eps_kx, m.stage[0].eps_jq,
+                    m.stage[1].eps_jq}) {
         put(bytes, v);
     }
+    put_name(bytes, m.name, 56);
+    put_name(bytes, m.hand, 56);
+    put_name(bytes, m.made_by, 40);
 }
 
 // the model as a blob; widths may be smaller than those of its tables, which are cut then

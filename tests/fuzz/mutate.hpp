@@ -40,8 +40,10 @@ inline size_t table_bytes(const uint32_t widths[3])
     return bytes;
 }
 
-constexpr size_t kBlobHeader = 128;
-constexpr size_t kBlobWidths = 36; // contact_width, width, classifier_width
+constexpr size_t kBlobHeader = 320;
+constexpr size_t kBlobWidths = 40;  // contact_width, width, classifier_width
+constexpr size_t kBlobScalars = 64; // 4 floats
+constexpr size_t kBlobEps = 144;    // 6 floats
 
 } // namespace fuzz
 

@@ -5,7 +5,8 @@
 #include "support.h"
 
 enum {
-    HEADER_SIZE = 128,
+    HEADER_SIZE = 320,
+    ANSWER_SIZE = 384, /* of the last table, with what fills it up */
     TABLE_ALIGNMENT = 64,
     CRC_START = 16,
     OFFSET_MAGIC = 0,
@@ -59,7 +60,8 @@ static void a_good_blob_is_used_in_place(void)
 {
     TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_model_from_blob(blob, size, &model));
     TEST_ASSERT_TRUE((const uint8_t *)model.wrench_log_scale == blob + HEADER_SIZE);
-    TEST_ASSERT_TRUE((const uint8_t *)model.cls2_b == blob + size - TABLE_ALIGNMENT);
+    TEST_ASSERT_TRUE((const uint8_t *)model.known_answer == blob + size - ANSWER_SIZE);
+    TEST_ASSERT_TRUE((const uint8_t *)model.cls2_b == blob + size - ANSWER_SIZE - TABLE_ALIGNMENT);
     TEST_ASSERT_EQUAL_UINT(0, (size_t)((const uint8_t *)model.stage[1].trunk1_w - blob) % TABLE_ALIGNMENT);
     TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_model_check(&model));
 }
@@ -73,6 +75,13 @@ static void it_holds_what_the_c_source_holds(void)
     TEST_ASSERT_EQUAL_UINT32(aminn_model.classifier_width, model.classifier_width);
     TEST_ASSERT_EQUAL_UINT32(aminn_model.dq0, model.dq0);
     TEST_ASSERT_EQUAL_MEMORY(aminn_model.checkpoint_sha256, model.checkpoint_sha256, 32);
+    TEST_ASSERT_EQUAL_MEMORY(aminn_model.data_sha256, model.data_sha256, 32);
+    TEST_ASSERT_EQUAL_STRING(aminn_model.name, model.name);
+    TEST_ASSERT_EQUAL_STRING(aminn_model.hand, model.hand);
+    TEST_ASSERT_EQUAL_STRING(aminn_model.made_by, model.made_by);
+    TEST_ASSERT_EQUAL_HEX32(aminn_model.content_crc, model.content_crc);
+    TEST_ASSERT_EQUAL_HEX32(aminn_model.stages_crc, model.stages_crc);
+    TEST_ASSERT_EQUAL_MEMORY(aminn_model.known_answer, model.known_answer, sizeof(aminn_known_answer_t));
     TEST_ASSERT_EQUAL_MEMORY(&aminn_model.tau, &model.tau, sizeof(float));
     TEST_ASSERT_EQUAL_MEMORY(&aminn_model.stage[1].eps_m, &model.stage[1].eps_m, 3 * sizeof(float));
     TEST_ASSERT_EQUAL_MEMORY(aminn_model.geom_axis, model.geom_axis, 27 * sizeof(float));
@@ -113,6 +122,8 @@ static void a_wrong_magic_version_or_size_is_named(void)
 {
     put_u32(OFFSET_MAGIC, 0x464C457Fu);
     assert_refused(AMINN_E_MAGIC, blob, size);
+    put_u32(OFFSET_MAGIC, 0x414D4E4Du); /* what a big-endian processor reads */
+    assert_refused(AMINN_E_BYTE_ORDER, blob, size);
     put_u32(OFFSET_MAGIC, 0x4D4E4D41u);
     put_u32(OFFSET_VERSION, AMINN_FORMAT_VERSION + 1);
     assert_refused(AMINN_E_VERSION, blob, size);
@@ -144,7 +155,7 @@ static void damage_anywhere_is_found(void)
 /* a blob with a right CRC but a content that this runtime cannot use */
 static void a_sealed_blob_is_checked_too(void)
 {
-    enum { OFFSET_N_BRANCH = 16, OFFSET_WIDTH = 40, OFFSET_DQ0 = 48, OFFSET_EPS_M = 104 };
+    enum { OFFSET_N_BRANCH = 20, OFFSET_WIDTH = 44, OFFSET_DQ0 = 52, OFFSET_EPS_M = 144 };
     const uint32_t nan_bits = 0x7FC00000u;
     size_t dim;
     for (dim = 0; dim < 5; ++dim) {
@@ -173,15 +184,37 @@ static void a_sealed_blob_is_checked_too(void)
     seal();
     assert_refused(AMINN_E_MODEL, blob, size);
     memcpy(blob + OFFSET_EPS_M, &aminn_model.stage[0].eps_m, sizeof(float));
-    put_u32(size - TABLE_ALIGNMENT, nan_bits); /* the last table has one number */
+    put_u32(size - ANSWER_SIZE - TABLE_ALIGNMENT, nan_bits); /* this table has one number */
     seal();
     assert_refused(AMINN_E_MODEL, blob, size);
+    memcpy(blob + size - ANSWER_SIZE - TABLE_ALIGNMENT, aminn_model.cls2_b, sizeof(float));
+    put_u32(size - ANSWER_SIZE + 4 * 92, nan_bits); /* the last word of the known answer */
+    seal();
+    assert_refused(AMINN_E_MODEL, blob, size);
+}
+
+/* a name fills its place to the last byte, where its end has to be */
+static void a_name_without_an_end_is_refused(void)
+{
+    static const size_t names[][2] = {{168, 56}, {224, 56}, {280, 40}};
+    size_t i;
+    for (i = 0; i < sizeof names / sizeof names[0]; ++i) {
+        uint8_t kept[56];
+        memcpy(kept, blob + names[i][0], names[i][1]);
+        memset(blob + names[i][0], 'x', names[i][1]);
+        seal();
+        assert_refused(AMINN_E_MODEL, blob, size);
+        blob[names[i][0] + names[i][1] - 1] = 0;
+        seal();
+        TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_model_from_blob(blob, size, &model));
+        memcpy(blob + names[i][0], kept, names[i][1]);
+    }
 }
 
 static void widths_beyond_the_runtime_are_refused(void)
 {
     size_t offset;
-    for (offset = 36; offset <= 44; offset += 4) { /* contact_width, width, classifier_width */
+    for (offset = 40; offset <= 48; offset += 4) { /* contact_width, width, classifier_width */
         const uint32_t kept = get_u32(offset);
         put_u32(offset, AMINN_MAX_WIDTH + 1);
         seal();
@@ -202,5 +235,6 @@ int main(void)
     RUN_TEST(a_wrong_magic_version_or_size_is_named);
     RUN_TEST(damage_anywhere_is_found);
     RUN_TEST(a_sealed_blob_is_checked_too);
+    RUN_TEST(a_name_without_an_end_is_refused);
     return UNITY_END();
 }

@@ -113,6 +113,10 @@ static void a_missing_table_is_refused(void)
     REFUSED_WITHOUT(cls1_b);
     REFUSED_WITHOUT(cls2_w);
     REFUSED_WITHOUT(cls2_b);
+    REFUSED_WITHOUT(known_answer);
+    REFUSED_WITHOUT(name);
+    REFUSED_WITHOUT(hand);
+    REFUSED_WITHOUT(made_by);
     for (k = 0; k < AMINN_N_STAGE; ++k) {
         REFUSED_WITHOUT(stage[k].contact_mean);
         REFUSED_WITHOUT(stage[k].contact_inv_std);

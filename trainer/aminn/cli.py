@@ -217,6 +217,7 @@ def evaluate(data: Path, runs: tuple[Path, ...], split: str, json_file: Path | N
 @click.option("--data", type=EXISTING, required=True, help="Data set to draw the golden vectors from.")
 @click.option("--out", type=FOLDER, required=True)
 @click.option("--prefix", default="aminn_model", show_default=True, help="Symbol prefix and file name of the C model.")
+@click.option("--name", help="What the model calls itself, on the target too  [default: the prefix]")
 @click.option(
     "--weights",
     type=click.Choice(["float32", "float16"]),
@@ -224,11 +225,11 @@ def evaluate(data: Path, runs: tuple[Path, ...], split: str, json_file: Path | N
     show_default=True,
     help="Type of the weights in flash; float16 halves it, and the error is reported.",
 )
-def export(checkpoint: Path, data: Path, out: Path, prefix: str, weights: str) -> None:
+def export(checkpoint: Path, data: Path, out: Path, prefix: str, name: str | None, weights: str) -> None:
     """Write aminn.onnx, aminn_debug.onnx, the C model, its binary form and golden vectors."""
     from .pipeline import run_export
 
-    for line in run_export(checkpoint, data, out, prefix, weights):
+    for line in run_export(checkpoint, data, out, prefix, weights, name):
         click.echo(line)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import re
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -31,6 +33,8 @@ _CLASSIFIER = {
     "cls2_b": "cls2.bias",
 }
 _CONSTANTS = ("wrench_log_scale", "chol_nom", "tendon_dir_nom", "tendon_gain_nom", "gate_nom", "coord_mask")
+HAND_TABLES = ("chol_nom", "tendon_dir_nom", "tendon_gain_nom", "coord_mask", "geom_base", "geom_axis", "geom_link_a")
+"""What a hand is, for a model."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,16 @@ def _check_exportable(checkpoint: Checkpoint) -> None:
         raise AminnError(f"{checkpoint.path}: {', '.join(extra)} is an option of the trainer alone; train without it")
 
 
+def _identity(checkpoint: Checkpoint, tensors: dict[str, NDArray[np.float32]]) -> dict[str, str]:
+    """Which hand and data set the model is of, where its training recorded them."""
+    hand = re.sub(r'[^ -~]|["\\?]', "-", str(checkpoint.meta.get("data", {}).get("hand", "hand")))[:46]
+    constants = b"".join(tensors[name].astype("<f4").tobytes() for name in HAND_TABLES)
+    identity = {"hand": f"{hand} {hashlib.sha256(constants).hexdigest()[:8]}"}
+    if "data_config_sha256" in checkpoint.meta:
+        identity["data_sha256"] = checkpoint.meta["data_config_sha256"]
+    return identity
+
+
 def export_tables(checkpoint: Checkpoint) -> ExportedModel:
     """The tables of an AMINN checkpoint. Raises AminnError for another kind of model."""
     model = checkpoint.model
@@ -78,7 +92,8 @@ def export_tables(checkpoint: Checkpoint) -> ExportedModel:
         stage["eps_m"] = part.backbone.eps_m
     if stages[0]["dq0"] != stages[1]["dq0"]:
         raise AminnError(f"{checkpoint.path}: the stages differ in dq0; an exported model has one form for both")
-    meta = {
+    tensors = {k: np.ascontiguousarray(v, np.float32) for k, v in tensors.items()}
+    meta = _identity(checkpoint, tensors) | {
         "format_version": FORMAT_VERSION,
         "branches": list(BRANCHES),
         "joints": list(JOINTS),
@@ -93,4 +108,4 @@ def export_tables(checkpoint: Checkpoint) -> ExportedModel:
         "width": model.config.width,
         "classifier_width": model.config.classifier_width,
     } | {name: [stage[name] for stage in stages] for name in ("eps_m", "eps_kx", "eps_jq")}
-    return ExportedModel(meta, {k: np.ascontiguousarray(v, np.float32) for k, v in tensors.items()})
+    return ExportedModel(meta, tensors)

@@ -39,11 +39,18 @@ def anew_if_outdated(folder: Path, work: Callable[[], T]) -> T:
         return work()
 
 
-def run_export(run: Path, data: Path, out: Path, prefix: str = "aminn_model", weights: str = "float32") -> list[str]:
+def run_export(
+    run: Path,
+    data: Path,
+    out: Path,
+    prefix: str = "aminn_model",
+    weights: str = "float32",
+    name: str | None = None,
+) -> list[str]:
     """Export the checkpoint in folder `run` to `out`, golden vectors and input ranges from `data`; lines to print."""
     from aminn_export.export import export
 
-    return export(run, out, prefix, data, weights)
+    return export(run, out, prefix, data, weights, name)
 
 
 def run_verify(

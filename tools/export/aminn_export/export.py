@@ -15,7 +15,8 @@ from aminn_base.errors import AminnError
 from .bin_model import BinModel, write_bin_model
 from .c_model import write_c_model
 from .golden import GOLDEN_FILE, inputs_of, write_golden
-from .layout import WEIGHT_CODES
+from .known_answer import informative_state, runtime
+from .layout import WEIGHT_CODES, checked_name, default_name
 from .onnx_model import DEBUG_FILE, ONNX_FILE, write_onnx
 from .ranges import training_ranges, unknown_ranges
 from .tables import Exported
@@ -58,11 +59,13 @@ def export(
     prefix: str = "aminn_model",
     data_dir: Path | None = None,
     weights: str = "float32",
+    name: str | None = None,
 ) -> list[str]:
     """Export the checkpoint in `checkpoint_dir` to `out_dir`; returns lines: each file, what float16 weights cost.
 
     The data set in `data_dir` is the one that the model was trained on: it gives the golden vectors and the range of
     the inputs in training. Without one there are no golden vectors, and the runtime takes no input for out of range.
+    `name` is what the model says that it is, on the target too; the prefix where it is not given.
     `weights` is "float32", or "float16" for half the flash. Nothing appears in `out_dir` before all files are
     complete. Raises AminnError for a checkpoint or data set that cannot be used.
     """
@@ -71,10 +74,14 @@ def export(
     tables = export_tables(load_checkpoint(checkpoint_dir))
     dataset = load_dataset(data_dir) if data_dir is not None else None
     ranges = training_ranges(dataset) if dataset is not None else unknown_ranges()
-    exported, lines = BinModel(tables.meta, tables.tensors | ranges), []
+    identity = {"made_by": f"aminn {runtime().version()}"}
+    identity["name"] = default_name(prefix) if name is None else checked_name("name", name)
+    exported, lines = BinModel(tables.meta | identity, tables.tensors | ranges), []
     if weights == "float16":
         exported, line = _rounded(exported, dataset)
         lines.append(line)
+    if dataset is not None:
+        exported = BinModel(exported.meta | {"known_state": informative_state(exported, dataset)}, exported.tensors)
     out_dir.parent.mkdir(parents=True, exist_ok=True)
     part = Path(tempfile.mkdtemp(prefix=f".{out_dir.name}-", dir=out_dir.parent))
     try:

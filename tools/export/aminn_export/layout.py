@@ -30,12 +30,15 @@ from aminn_base.errors import AminnError
 
 from .tables import STAGES, Exported, pair_of
 
-FORMAT_VERSION = 5
+FORMAT_VERSION = 6
 """Of the C model and the binary (AMINN_FORMAT_VERSION in aminn_rt.h)."""
 TABLES_VERSION = 1
 """Of the tables that the trainer gives."""
 DQ0_CODES = {"statics": 0, "inverse": 1}
 SHA256_HEX_DIGITS = 64
+NAME_ROOM = {"name": 56, "hand": 56, "made_by": 40}
+"""Bytes that a name has in the binary, with the zero behind it."""
+UNKNOWN = "unknown"
 WEIGHT_CODES = {"float32": 0, "float16": 1}
 WEIGHT_TYPES: dict[str, type[np.floating]] = {"float32": np.float32, "float16": np.float16}
 N_STATE = N_JOINT + 2 * N_WRENCH + N_BRANCH * N_CONTACT_FEATURE
@@ -62,7 +65,9 @@ class Layout(NamedTuple):
     widths: tuple[int, int, int]  # contact_width, width, classifier_width
     dq0: str
     weights: str  # "float32" or "float16"
-    sha256: bytes
+    sha256: bytes  # of the checkpoint
+    data_sha256: bytes  # of the data set's configuration; zeros: not known
+    names: tuple[str, str, str]  # name, hand, made by
     scalars: dict[str, np.float32]
     stage_scalars: dict[str, tuple[np.float32, np.float32]]
     tables: list[Table]
@@ -192,6 +197,28 @@ def _scalar(meta: dict, name: str) -> np.float32:
     return value
 
 
+def _digest(meta: dict, name: str) -> bytes:
+    """A SHA-256 of the meta data; zeros for none."""
+    sha = str(meta.get(name, "0" * SHA256_HEX_DIGITS))
+    if len(sha) != SHA256_HEX_DIGITS or set(sha) - set("0123456789abcdef"):
+        raise AminnError(f"model: {name} is {sha!r}, expected {SHA256_HEX_DIGITS} lower-case hex digits")
+    return bytes.fromhex(sha)
+
+
+def checked_name(kind: str, text: str) -> str:
+    """A name that the model carries. Raises AminnError unless it is printable ASCII and fits."""
+    if not text or not text.isascii() or not text.isprintable() or set(text) & set('"\\?'):
+        raise AminnError(f"model: {kind} {text!r} is not of printable ASCII characters without quotes, \\ and ?")
+    if len(text) >= NAME_ROOM[kind]:
+        raise AminnError(f"model: {kind} {text!r} has {len(text)} characters, at most {NAME_ROOM[kind] - 1} fit")
+    return text
+
+
+def default_name(prefix: str) -> str:
+    """Of a model that was given none."""
+    return prefix[: NAME_ROOM["name"] - 1]
+
+
 def layout_of(exported: Exported) -> Layout:
     """Check an exported model and put it into the runtime's order. Raises AminnError that names what does not fit."""
     meta = exported.meta
@@ -205,9 +232,8 @@ def layout_of(exported: Exported) -> Layout:
         raise AminnError(f"model: branch_joints is {meta['branch_joints']}, the runtime knows {BRANCH_JOINTS} alone")
     if meta["dq0"] not in DQ0_CODES:
         raise AminnError(f"model: dq0 is {meta['dq0']!r}, expected one of {', '.join(DQ0_CODES)}")
-    sha = str(meta["checkpoint_sha256"])
-    if len(sha) != SHA256_HEX_DIGITS or set(sha) - set("0123456789abcdef"):
-        raise AminnError(f"model: checkpoint_sha256 is {sha!r}, expected {SHA256_HEX_DIGITS} lower-case hex digits")
+    names = {"name": "aminn_model", "hand": UNKNOWN, "made_by": UNKNOWN}
+    carried = tuple(checked_name(kind, str(meta.get(kind, default))) for kind, default in names.items())
     hc, h, hd = (int(meta[name]) for name in ("contact_width", "width", "classifier_width"))
     stage_scalars = {}
     for name in STAGE_SCALARS:
@@ -217,7 +243,9 @@ def layout_of(exported: Exported) -> Layout:
         widths=(hc, h, hd),
         dq0=meta["dq0"],
         weights=weights_of(meta),
-        sha256=bytes.fromhex(sha),
+        sha256=_digest(meta, "checkpoint_sha256"),
+        data_sha256=_digest(meta, "data_sha256"),
+        names=(carried[0], carried[1], carried[2]),
         scalars={name: _scalar(meta, name) for name in SCALARS},
         stage_scalars=stage_scalars,
         tables=[_table(exported, *entry) for entry in tensor_order(hc, h, hd)],

@@ -1,0 +1,19 @@
+// Constant texts by number, one behind the other: a list of pointers to them would be as long again.
+#ifndef AMINN_SRC_WORDS_HPP
+#define AMINN_SRC_WORDS_HPP
+
+namespace aminn {
+
+// Text number n of those in `all`, each of which ends with a zero; the last one, number `last`, stands for all beyond.
+inline const char *text_of(const char *all, unsigned n, unsigned last)
+{
+    for (n = n < last ? n : last; n > 0; --n) {
+        while (*all++ != '\0') {
+        }
+    }
+    return all;
+}
+
+} // namespace aminn
+
+#endif
