@@ -55,6 +55,7 @@ class CurrentGrasp:
         self.mujoco = import_mujoco()
         try:
             spec = self.mujoco.MjSpec.from_file(str(scene_file))
+            self._set_options(spec)
             self._set_tool(spec, scene, torsional_friction_m)
             if offscreen:
                 spec.visual.global_.offwidth = spec.visual.global_.offheight = offscreen
@@ -67,6 +68,13 @@ class CurrentGrasp:
         self.data = self.mujoco.MjData(self.model)
         self.scene = scene
         self.restore()
+
+    def _set_options(self, spec: object) -> None:
+        """What the simulation's MuJoCo 2.2 does: one contact a pair of convex geoms, and an integrator that it has."""
+        options, integrators = spec.option, self.mujoco.mjtIntegrator
+        options.disableflags |= int(self.mujoco.mjtDisableBit.mjDSBL_MULTICCD)  # on by default from 4.0 on
+        if options.integrator == integrators.mjINT_DISCRETE:  # with noslip it pushes an unloaded tool out of the hand
+            options.integrator = integrators.mjINT_IMPLICIT
 
     def _set_tool(self, spec: object, scene: dict, torsional_friction_m: float) -> None:
         """Shape, mass, inertia and friction of the tool; the first geoms of the model's tool become its primitives."""

@@ -76,6 +76,32 @@ def test_a_placed_grasp_is_where_it_was_put(hand_file: HandFile, session: _core.
     np.testing.assert_allclose(rotation_vector(rotation @ rotation_matrix(grasp["x_ht"][3:]).T), dx[3:], atol=1e-9)
 
 
+def test_pairs_of_convex_geoms_have_one_contact(hand_file: HandFile, session: _core.Session) -> None:
+    """A cylinder that stands on the palm has four by default in MuJoCo 4, and one in the simulation's 2.2."""
+    import mujoco
+
+    scene = session.scene()
+    cylinder = int(mujoco.mjtGeom.mjGEOM_CYLINDER)
+    scene["tool_geoms"] = [{"type": cylinder, "size": [0.01, 0.02, 0], "pos": [0, 0, 0], "quat": [1, 0, 0, 0]}]
+    other = CurrentGrasp(hand_file.scene, scene)
+    other.place(session.grasp()["q"][0], np.array([0, 0, 0.0119, 0, 0, 0]), np.zeros(6))
+    mujoco.mj_forward(other.model, other.data)
+    pairs = [tuple(sorted(contact.geom)) for contact in other.data.contact]
+    assert len(pairs) == len(set(pairs)) > 0
+
+
+def test_tool_rests_whatever_integrator_the_model_names(
+    tmp_path: Path, hand_file: HandFile, session: _core.Session
+) -> None:
+    """With noslip, the integrator "discrete" moves an unloaded tool through the hand, by 0.3 to 1.1 mm/s."""
+    for file in hand_file.scene.parent.glob("*.xml"):
+        text = file.read_text()
+        (tmp_path / file.name).write_text(text.replace('integrator="implicit"', 'integrator="discrete"'))
+    assert 'integrator="discrete"' in (tmp_path / "three_finger_hand.xml").read_text()
+    rest = CurrentGrasp(tmp_path / hand_file.scene.name, session.scene()).load(np.zeros(6), 0.1, 0.1)
+    assert np.linalg.norm(rest[:3]) < 1e-6
+
+
 def test_soft_fingers_pass_on_a_moment(hand_file: HandFile, session: _core.Session) -> None:
     other = CurrentGrasp(hand_file.scene, session.scene(), torsional_friction_m=0.003)
     assert set(other.data.contact.dim) == {4}
