@@ -10,12 +10,12 @@ from pathlib import Path
 import click
 import numpy as np
 
-from aminn_base.files import write_json
+from aminn_base.errors import AminnError
+from aminn_base.files import refuse_inputs, write_json
 
 from . import _core
 from .config import SimulationConfig
 from .crosscheck import crosscheck
-from .errors import SimulationError
 from .hand_file import HandFile, read_hand_file
 from .quality import dataset_figures, waiting_figures
 from .read import SimulatedData, read_data
@@ -76,6 +76,7 @@ def speed_figures(
 def main(data: Path, out: Path, grasps: int, seed: int) -> None:
     """Hold theory against simulation, judge a data set's labels, and time the simulation."""
     try:
+        refuse_inputs(out, data.glob("*"))
         hand, threads = read_hand_file(), len(os.sched_getaffinity(0))
         simulator, config, simulated = hand.simulator(), SimulationConfig(seed=seed), read_data(data)
         parts: dict[str, Callable[[], dict]] = {
@@ -98,9 +99,9 @@ def main(data: Path, out: Path, grasps: int, seed: int) -> None:
             for key, value in found.items():
                 click.echo(f"  {key:52s} {value if isinstance(value, str) else format(value, '.4g')}")
             figures |= found
-    except SimulationError as error:
+        write_json(out, figures)
+    except AminnError as error:
         raise click.ClickException(str(error)) from error
-    write_json(out, figures)
 
 
 if __name__ == "__main__":

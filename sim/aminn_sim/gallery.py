@@ -19,6 +19,8 @@ import jinja2
 import numpy as np
 from numpy.typing import NDArray
 
+from aminn_base.lock import locked_folder
+
 from . import _core
 from .config import SimulationConfig
 from .current_mujoco import CurrentGrasp, import_mujoco
@@ -64,22 +66,25 @@ def gallery(folder: Path, count: int, hand: Path | str | None = None) -> Path:
     data, hand_file = read_data(folder), read_hand_file(hand)
     config, simulator = _config(folder, data, hand_file), hand_file.simulator()
     out, unfinished = folder / "gallery", folder / "gallery.unfinished"
-    shutil.rmtree(unfinished, ignore_errors=True)
-    try:
-        unfinished.mkdir()
-        with offscreen() as screen:
-            entries = [
-                _draw(data, config, hand_file, simulator, row, unfinished, screen) for row in choose(data, count)
-            ]
-        page = _TEMPLATE.render(entries=entries, manifest=data.manifest, version=import_mujoco().__version__)
-        (unfinished / "index.html").write_text(page)
-        if out.exists():
-            shutil.rmtree(out)
-        unfinished.rename(out)
-    except OSError as error:
-        raise SimulationError(f"{out}: cannot be written ({error.strerror}); make room or copy the data set") from error
-    finally:
+    with locked_folder(folder):
         shutil.rmtree(unfinished, ignore_errors=True)
+        try:
+            unfinished.mkdir()
+            with offscreen() as screen:
+                entries = [
+                    _draw(data, config, hand_file, simulator, row, unfinished, screen) for row in choose(data, count)
+                ]
+            page = _TEMPLATE.render(entries=entries, manifest=data.manifest, version=import_mujoco().__version__)
+            (unfinished / "index.html").write_text(page)
+            if out.exists():
+                shutil.rmtree(out)
+            unfinished.rename(out)
+        except OSError as error:
+            raise SimulationError(
+                f"{out}: cannot be written ({error.strerror}); make room or copy the data set"
+            ) from error
+        finally:
+            shutil.rmtree(unfinished, ignore_errors=True)
     return out / "index.html"
 
 

@@ -87,8 +87,11 @@ class HandFile:
 
     def model_hashes(self) -> dict[str, str]:
         """SHA-256 of the hand file and of every MJCF file that its scene is made of, by name."""
-        files = [self.path, *_mjcf_files(self.scene)]
-        return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
+        return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in self.files()}
+
+    def files(self) -> list[Path]:
+        """The hand file and every file that its scene is made of."""
+        return [self.path, *_mjcf_files(self.scene)]
 
     def as_dict(self) -> dict:
         """What a manifest keeps of it."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import io
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +11,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 from numpy.typing import NDArray
+
+from aminn_base.lock import read_shared
 
 from .errors import SimulationError
 from .schema import GROUPS
@@ -36,18 +40,21 @@ class SimulatedData:
 
 
 def read_data(folder: Path) -> SimulatedData:
-    """Read the finished data set in `folder`. Raises SimulationError where there is none."""
+    """Read the finished data set in `folder`. Raises SimulationError where there is none or a shard is damaged."""
     try:
         manifest = json.loads((folder / "manifest.json").read_text())
         groups: dict[str, list[dict[str, Array]]] = {group: [] for group in GROUPS}
         before = 0
         for shard in manifest["shards"]:
-            with h5py.File(folder / shard["file"], "r") as file:
+            content = read_shared(folder / shard["file"])
+            if hashlib.sha256(content).hexdigest() != shard["sha256"]:
+                raise ValueError(f"{shard['file']} is damaged, its SHA-256 is not the manifest's")
+            with h5py.File(io.BytesIO(content), "r") as file:
                 for group, parts in groups.items():
                     parts.append({name: data[()] for name, data in file[group].items()})
             groups["noise"][-1]["sample"] = groups["noise"][-1]["sample"] + before
             before += shard["n_samples"]
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, ValueError, KeyError, TypeError) as error:
         raise SimulationError(f"{folder}: not a readable data set ({error})") from error
     return SimulatedData(
         manifest, **{g: {k: np.concatenate([p[k] for p in parts]) for k in parts[0]} for g, parts in groups.items()}

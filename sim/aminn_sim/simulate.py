@@ -1,7 +1,8 @@
 """Simulate a data set: shards of grasps, each grasp under many loads, written as HDF5 with a JSON manifest.
 
 A shard's bytes follow from the seed, its number and the configuration. It is written under a temporary name and renamed
-when complete, so that an interrupted simulation goes on where it stopped.
+when complete, so that an interrupted simulation goes on where it stopped; its hash is recorded before, so that what
+happens to a shard meanwhile shows.
 """
 
 from __future__ import annotations
@@ -13,10 +14,12 @@ import json
 import math
 import os
 import platform
+import re
 import shutil
 import sys
 import time
-from contextlib import closing
+from collections.abc import Mapping
+from contextlib import ExitStack, closing
 from functools import partial
 from pathlib import Path
 
@@ -24,12 +27,14 @@ import h5py
 import numpy as np
 from tqdm import tqdm
 
-from aminn_base.files import write_atomically, write_json
+from aminn_base.errors import WriteError
+from aminn_base.files import refuse_inputs, write_atomically, write_json
+from aminn_base.lock import locked_folder, read_shared
 
 from . import _core
 from .config import TOOL_FAMILIES, SimulationConfig
-from .engines import ShardTask, find_engine
-from .errors import SimulationError
+from .engines import Engine, ShardTask, find_engine
+from .errors import OutdatedDataError, SimulationError
 from .hand_file import HandFile, read_hand_file
 from .schema import GROUPS, SCHEMA_VERSION, Field, field_table
 
@@ -38,6 +43,9 @@ PROTOCOL_VERSION = 2
 THREADS_MAX = 1024
 # Fields of the configuration that do not change what a shard holds.
 _NOT_IN_HASH = ("grasps",)
+MANIFEST, UNFINISHED = "manifest.json", "unfinished.json"
+# What a killed simulation leaves, under the names of this version and of the ones before.
+OWN_PARTIAL = re.compile(r"\.?(shard-\d{5,}\.h5|manifest\.json|unfinished\.json)\.partial")
 
 Arrays = dict[str, np.ndarray]
 
@@ -80,11 +88,6 @@ def shard_sizes(config: SimulationConfig) -> list[int]:
     return [config.shard_grasps] * full + ([rest] if rest else [])
 
 
-def file_sha256(path: Path) -> str:
-    """SHA-256 of a file, hexadecimal."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
 def simulate(
     config: SimulationConfig,
     out_dir: Path | str,
@@ -100,67 +103,148 @@ def simulate(
     Complete shards of the same configuration are kept; a folder with another configuration is an error. Interrupting
     (Ctrl-C) leaves the complete shards and no half-written file. hand: a hand file instead of the package's own.
     report: a file (JSON) for time and rate of this run, if there was anything left to do.
+
+    One process works in a folder at a time: InUseError names the other one.
     """
     out = Path(out_dir)
     if not 0 <= threads <= THREADS_MAX:
         raise SimulationError(f"threads is {threads}, expected 0 (all cores) to {THREADS_MAX}")
-    threads = threads or len(os.sched_getaffinity(0))
     run = find_engine(engine)
     hand_file = read_hand_file(hand)
     simulator = hand_file.simulator()
     check_options(config, simulator)
     check_tools_fit(config, hand_file, simulator)
-    digest = config_sha256(config, hand_file)
-    sizes = shard_sizes(config)
-    _make_folder(out)
-    todo = [n for n, size in enumerate(sizes) if not _is_complete(out / shard_name(n), digest, size, config)]
-    _refuse_damaged_shards(out)
-    _check_room(out, sum(sizes[n] for n in todo) * config.cases)
-    if todo:
-        (out / "manifest.json").unlink(missing_ok=True)  # it would describe shards that are about to change
-    tasks = [
-        ShardTask(config, n, sizes[n], partial(_open_simulator, config, digest, hand and hand_file.path)) for n in todo
-    ]
-    total = config.grasps * config.cases
-    done = total - sum(sizes[n] for n in todo) * config.cases
-    interval = 0.2 if sys.stderr.isatty() else 10.0  # seconds between two states of the bar; few lines in a log
-    with tqdm(
-        total=total,
-        initial=done,
-        unit="case",
-        desc="simulate",
-        disable=not progress,
-        smoothing=0.1,
-        mininterval=interval,
-    ) as bar:
-        start, steps = time.monotonic(), 0
-        with closing(run(tasks, threads, lambda n: bar.update(done + n - bar.n))) as shards:
-            for task, result in shards:
-                attributes: dict[str, int | str] = {
-                    "schema_version": SCHEMA_VERSION,
-                    "config_sha256": digest,
-                    "shard": task.number,
-                    "n_grasps": task.grasps,
-                }
-                write_shard(out / shard_name(task.number), result, attributes)
-                steps += result["steps"]
-    manifest = build_manifest(config, digest, hand_file.as_dict() | simulator.hand(), out)
-    write_json(out / "manifest.json", manifest)
-    if report and todo:
-        _write_report(report, total - done, steps, time.monotonic() - start, threads, engine)
+    refuse_inputs(report, [*hand_file.files(), *_own_files(config, out)])
+    with ExitStack() as stack:
+        _enter_folder(stack, out)
+        work = _Work(config, config_sha256(config, hand_file), out)
+        _check_room(out, sum(work.sizes[n] for n in work.todo) * config.cases)
+        work.run(run, threads or len(os.sched_getaffinity(0)), progress, hand_file.path if hand else None)
+        manifest = build_manifest(config, work.digest, hand_file.as_dict() | simulator.hand(), out, work.recorded)
+        write_json(out / MANIFEST, manifest)
+        (out / UNFINISHED).unlink(missing_ok=True)
+        if report and work.todo:
+            write_json(report, work.figures | {"dataset_engine": engine})
     return manifest
 
 
-def _write_report(path: Path, cases: int, steps: int, seconds: float, threads: int, engine: str) -> None:
-    figures = {
-        "dataset_cases": cases,
-        "dataset_engine_steps": steps,
-        "dataset_seconds": seconds,
-        "dataset_cases_a_second": cases / seconds,
-        "dataset_threads": threads,
-        "dataset_engine": engine,
-    }
-    write_json(path, figures)
+class _Work:
+    """The shards of a data set in a folder that this process holds: which are there, and making the rest."""
+
+    def __init__(self, config: SimulationConfig, digest: str, out: Path) -> None:
+        self.config, self.digest, self.out = config, digest, out
+        self.sizes = shard_sizes(config)
+        self.figures: dict[str, float | int | str] = {}
+        _refuse_shards_beyond(out, config)
+        self.recorded = _recorded(out)
+        """SHA-256 of each shard by its file's name, as it was written."""
+        self.todo = [n for n in range(len(self.sizes)) if not self._is_complete(n)]
+
+    def run(self, engine: Engine, threads: int, progress: bool, hand: Path | None) -> None:
+        """Simulate what is missing."""
+        config = self.config
+        if self.todo:
+            self._record()
+            (self.out / MANIFEST).unlink(missing_ok=True)  # it would describe shards that are about to change
+        tasks = [
+            ShardTask(config, n, self.sizes[n], partial(_open_simulator, config, self.digest, hand)) for n in self.todo
+        ]
+        total = config.grasps * config.cases
+        done = total - sum(self.sizes[n] for n in self.todo) * config.cases
+        interval = 0.2 if sys.stderr.isatty() else 10.0  # seconds between two states of the bar; few lines in a log
+        with tqdm(
+            total=total,
+            initial=done,
+            unit="case",
+            desc="simulate",
+            disable=not progress,
+            smoothing=0.1,
+            mininterval=interval,
+        ) as bar:
+            start, steps = time.monotonic(), 0
+            with closing(engine(tasks, threads, lambda n: bar.update(done + n - bar.n))) as shards:
+                for task, result in shards:
+                    self._keep(task, result)
+                    steps += result["steps"]
+        seconds = time.monotonic() - start
+        self.figures = {
+            "dataset_cases": total - done,
+            "dataset_engine_steps": steps,
+            "dataset_seconds": seconds,
+            "dataset_cases_a_second": (total - done) / seconds,
+            "dataset_threads": threads,
+        }
+
+    def _keep(self, task: ShardTask, result: dict) -> None:
+        """Write a shard. Its hash is on record before it is there: no shard is ever without."""
+        attributes: dict[str, int | str] = {
+            "schema_version": SCHEMA_VERSION,
+            "config_sha256": self.digest,
+            "shard": task.number,
+            "n_grasps": task.grasps,
+        }
+        content, name = shard_bytes(result, attributes), shard_name(task.number)
+        self.recorded[name] = hashlib.sha256(content).hexdigest()
+        self._record()
+        write_atomically(self.out / name, content)
+
+    def _record(self) -> None:
+        write_json(self.out / UNFINISHED, {"shards": [{"file": k, "sha256": v} for k, v in self.recorded.items()]})
+
+    def _is_complete(self, number: int) -> bool:
+        """Whether the shard is there and as it was written; one that no record vouches for is to be made again.
+
+        Raises OutdatedDataError where it is damaged, of another configuration, or another one.
+        """
+        path, wanted = self.out / shard_name(number), self.sizes[number]
+        if not path.exists():
+            return False
+        content = read_shared(path)
+        try:
+            with h5py.File(io.BytesIO(content), "r") as file:
+                digest, count = str(file.attrs["config_sha256"]), int(file.attrs["n_grasps"])
+                found = int(file.attrs["shard"])
+                ids, of_samples = file["grasps/grasp_id"][()], np.unique(file["samples/grasp_id"][()])
+        except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
+            raise OutdatedDataError(f"{path}: not a readable shard ({error}); delete it and simulate again") from error
+        if digest != self.digest:
+            raise OutdatedDataError(
+                f"{path}: is of another configuration ({digest[:12]}, this one is {self.digest[:12]}); "
+                "choose another folder or delete this one"
+            )
+        if found != number:
+            raise OutdatedDataError(
+                f"{path}: is a copy of shard {found}, whose grasps would count twice; delete it and simulate again"
+            )
+        if count > wanted:
+            raise OutdatedDataError(
+                f"{path}: holds {count} grasps, but {self.config.grasps} grasps in all leave {wanted} for it; "
+                "choose another folder or ask for at least as many grasps as before"
+            )
+        if count < wanted:
+            return False
+        expected = number * self.config.shard_grasps + np.arange(count)
+        sha256 = self.recorded.get(path.name, "")
+        if not (np.array_equal(ids, expected) and np.array_equal(of_samples, expected)) or (
+            sha256 and hashlib.sha256(content).hexdigest() != sha256
+        ):
+            raise OutdatedDataError(
+                f"{path}: damaged, its SHA-256 is not the recorded one; delete it and simulate again"
+            )
+        return bool(sha256)
+
+
+def _recorded(out: Path) -> dict[str, str]:
+    """SHA-256 by file, as the manifest of a finished data set in `out` or the record of an unfinished one has it."""
+    found: dict[str, str] = {}
+    for file in (out / UNFINISHED, out / MANIFEST):
+        try:
+            found |= {str(shard["file"]): str(shard["sha256"]) for shard in json.loads(file.read_text())["shards"]}
+        except FileNotFoundError:
+            continue
+        except (ValueError, KeyError, TypeError) as error:
+            raise OutdatedDataError(f"{file}: not readable ({error}); delete it and simulate again") from error
+    return found
 
 
 def check_tools_fit(config: SimulationConfig, hand_file: HandFile, simulator: _core.Simulator) -> None:
@@ -192,58 +276,34 @@ def _check_room(out: Path, cases: int) -> None:
         )
 
 
-def _make_folder(out: Path) -> None:
-    """Make `out` and see that it can be written to, before time goes into simulating."""
+def _own_files(config: SimulationConfig, out: Path) -> list[Path]:
+    """The files that a data set in `out` is made of."""
+    return [out / MANIFEST, out / UNFINISHED, *(out / shard_name(n) for n in range(len(shard_sizes(config))))]
+
+
+def _enter_folder(stack: ExitStack, out: Path) -> None:
+    """Make `out`, hold it, and so see that it can be written to before time goes into simulating."""
     try:
-        out.mkdir(parents=True, exist_ok=True)
-        for leftover in out.glob("*.partial"):
-            leftover.unlink()
-        probe = out / "probe.partial"
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
+        stack.enter_context(locked_folder(out))
+        for leftover in out.iterdir():
+            if OWN_PARTIAL.fullmatch(leftover.name):
+                leftover.unlink()
+    except (WriteError, OSError) as error:
+        reason = error.reason if isinstance(error, WriteError) else error.strerror
         raise SimulationError(
-            f"{out}: cannot be made a data set folder ({error.strerror}); choose one that you may write to"
+            f"{out}: cannot be made a data set folder ({reason}); choose one that you may write to"
         ) from error
 
 
-def _refuse_damaged_shards(out: Path) -> None:
-    """Hold the shards against the manifest of the finished data set in `out`, if there is one."""
-    manifest = out / "manifest.json"
-    if not manifest.exists():
-        return
-    try:
-        entries = json.loads(manifest.read_text())["shards"]
-        recorded = {str(entry["file"]): str(entry["sha256"]) for entry in entries}
-    except (json.JSONDecodeError, KeyError, TypeError) as error:
-        raise SimulationError(f"{manifest}: not a manifest ({error}); delete it and simulate again") from error
-    for name, sha256 in recorded.items():
-        if (out / name).exists() and file_sha256(out / name) != sha256:
-            raise SimulationError(
-                f"{out / name}: damaged, its SHA-256 is not the manifest's; delete it and simulate again"
-            )
-
-
-def _is_complete(path: Path, digest: str, grasps: int, config: SimulationConfig) -> bool:
-    """Whether the shard is there and of this configuration. Raises SimulationError where it is of another one."""
-    if not path.exists():
-        return False
-    try:
-        with h5py.File(path, "r") as file:
-            found, count = str(file.attrs["config_sha256"]), int(file.attrs["n_grasps"])
-    except (OSError, KeyError) as error:
-        raise SimulationError(f"{path}: not a readable shard ({error}); delete it and simulate again") from error
-    if found != digest:
-        raise SimulationError(
-            f"{path}: is of another configuration ({found[:12]}, this one is {digest[:12]}); "
-            "choose another folder or delete this one"
+def _refuse_shards_beyond(out: Path, config: SimulationConfig) -> None:
+    """Shards that a data set of this size has not: what would they be to it?"""
+    count = len(shard_sizes(config))
+    beyond = sorted(p for p in out.glob("shard-*.h5") if p.name not in {shard_name(n) for n in range(count)})
+    if beyond:
+        raise OutdatedDataError(
+            f"{beyond[0]}: not of the {count} shards that {config.grasps} grasps make, {config.shard_grasps} in each; "
+            "ask for as many grasps as before or more, choose another folder, or delete it"
         )
-    if count > grasps:
-        raise SimulationError(
-            f"{path}: holds {count} grasps, but {config.grasps} grasps in all leave {grasps} for it; "
-            "choose another folder or ask for at least as many grasps as before"
-        )
-    return count == grasps
 
 
 def _checked(group: str, fields: dict[str, Field], arrays: Arrays) -> Arrays:
@@ -259,8 +319,8 @@ def _checked(group: str, fields: dict[str, Field], arrays: Arrays) -> Arrays:
     return out
 
 
-def write_shard(path: Path, arrays: dict[str, Arrays], attributes: dict[str, int | str]) -> None:
-    """Write one shard (arrays by group and field), complete or not at all. Equal content gives equal bytes."""
+def shard_bytes(arrays: dict[str, Arrays], attributes: dict[str, int | str]) -> bytes:
+    """One shard (arrays by group and field) as a file's content. Equal arrays give equal bytes."""
     image = io.BytesIO()  # HDF5 itself does not survive a disk that is full
     with h5py.File(image, "w", libver=("earliest", "v110")) as file:
         for name, value in attributes.items():
@@ -268,17 +328,20 @@ def write_shard(path: Path, arrays: dict[str, Arrays], attributes: dict[str, int
         for group, fields in GROUPS.items():
             for name, array in _checked(group, fields, arrays[group]).items():
                 file.create_dataset(f"{group}/{name}", data=array, track_times=False)
-    write_atomically(path, image.getvalue())
+    return image.getvalue()
 
 
-def build_manifest(config: SimulationConfig, digest: str, hand: dict, out: Path) -> dict:
-    """The manifest of the shards in `out`: no time, no path, keys sorted when written."""
+def build_manifest(config: SimulationConfig, digest: str, hand: dict, out: Path, recorded: Mapping[str, str]) -> dict:
+    """The manifest of the shards in `out`: no time, no path, keys sorted when written.
+
+    recorded: SHA-256 of each shard as it was written, so that what happens to a file later shows.
+    """
     shards = [
         {
             "file": shard_name(n),
             "n_grasps": size,
             "n_samples": size * config.cases,
-            "sha256": file_sha256(out / shard_name(n)),
+            "sha256": recorded[shard_name(n)],
         }
         for n, size in enumerate(shard_sizes(config))
     ]

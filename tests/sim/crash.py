@@ -22,6 +22,9 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from aminn_base.lock import NAME as LOCK
+from aminn_sim.simulate import UNFINISHED
+
 GRASPS, SHARD_GRASPS, CASES = 40, 8, 16  # five shards of a second or two each
 MARK = "AMINN_CRASH_RUN"  # in the environment of what was started here, so that nothing else is ever killed
 
@@ -29,7 +32,12 @@ MARK = "AMINN_CRASH_RUN"  # in the environment of what was started here, so that
 def hashes(folder: Path) -> dict[str, str]:
     """SHA-256 of the files under their final names."""
     files = folder.iterdir() if folder.is_dir() else ()
-    return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in files if p.suffix != ".partial"}
+    others = (UNFINISHED, LOCK)  # of a simulation that is under way
+    return {
+        p.name: hashlib.sha256(p.read_bytes()).hexdigest()
+        for p in files
+        if p.suffix != ".partial" and p.name not in others
+    }
 
 
 @dataclass
@@ -97,7 +105,8 @@ class Crash:
 
     def finish_one(self) -> None:
         """The data set is complete: nothing may tell it from an undisturbed one. The next begins anew."""
-        assert not list(self.folder.glob("*.partial")), list(self.folder.iterdir())
+        left = {p.name for p in self.folder.iterdir()}
+        assert left == set(self.whole), left
         assert hashes(self.folder) == self.whole
         self.count("finished_data_sets")
         shutil.rmtree(self.folder)

@@ -10,10 +10,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from small_data import SMALL, command_line
+from small_data import SMALL, begin, command_line
 
 from aminn_sim import SimulationConfig, simulate
-from aminn_sim.simulate import shard_name
+from aminn_sim.simulate import UNFINISHED, shard_name
 
 
 def command(folder: Path) -> list[str]:
@@ -24,6 +24,10 @@ def command(folder: Path) -> list[str]:
 def half_of_second(dataset_dir: Path) -> int:
     """Bytes too few for the second shard."""
     return (dataset_dir / shard_name(1)).stat().st_size // 2
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(p.name for p in folder.iterdir())
 
 
 def assert_refused(result: subprocess.CompletedProcess, *words: str) -> None:
@@ -41,9 +45,7 @@ def resumed(folder: Path, whole: Path) -> bool:
 
 def test_a_file_that_may_not_grow(tmp_path: Path, dataset_dir: Path) -> None:
     """The first shard is there, the second finds no room (a limit on the size of a file, as a quota sets it)."""
-    folder = tmp_path / "data"
-    folder.mkdir()
-    shutil.copy(dataset_dir / shard_name(0), folder)
+    folder = begin(dataset_dir, tmp_path / "data")
     room, limit = half_of_second(dataset_dir), resource.getrlimit(resource.RLIMIT_FSIZE)[1]
     result = subprocess.run(
         command(folder),
@@ -52,7 +54,7 @@ def test_a_file_that_may_not_grow(tmp_path: Path, dataset_dir: Path) -> None:
         text=True,
     )
     assert_refused(result, shard_name(1), "File too large", "make room")
-    assert [p.name for p in folder.iterdir()] == [shard_name(0)]
+    assert names(folder) == [shard_name(0), UNFINISHED]
     assert resumed(folder, dataset_dir)
 
 
@@ -76,7 +78,7 @@ def test_a_full_disk(tmp_path: Path, dataset_dir: Path) -> None:
         text=True,
     )
     assert_refused(result, shard_name(1), "No space left on device", "make room")
-    assert [p.name for p in rescued.iterdir()] == [shard_name(0)]
+    assert names(rescued) == [shard_name(0), UNFINISHED]
     assert resumed(rescued, dataset_dir)
 
 

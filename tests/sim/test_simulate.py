@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-from small_data import SMALL
+from small_data import SMALL, begin
 
+from aminn_base.errors import AminnError, InUseError
+from aminn_base.lock import NAME as LOCK
 from aminn_sim import SimulationConfig, SimulationError, _core, simulate
+from aminn_sim.hand_file import default_hand_file
 from aminn_sim.read import read_data
 from aminn_sim.schema import GROUPS, SAMPLE_FIELDS
-from aminn_sim.simulate import file_sha256, shard_name
+from aminn_sim.simulate import UNFINISHED, shard_name
+
+Figures = dict[str, float | int | str | bool]
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -59,7 +66,7 @@ def test_manifest_describes_the_shards(dataset_dir: Path) -> None:
     assert manifest["n_grasps"] == len(grasps["grasp_id"]) == SMALL["grasps"]
     assert manifest["config"]["seed"] == manifest["seed"] == SMALL["seed"]
     for shard in manifest["shards"]:
-        assert file_sha256(dataset_dir / shard["file"]) == shard["sha256"]
+        assert hashlib.sha256((dataset_dir / shard["file"]).read_bytes()).hexdigest() == shard["sha256"]
     text = (dataset_dir / "manifest.json").read_text()
     assert text == json.dumps(json.loads(text), sort_keys=True, indent=1) + "\n"
     assert set(manifest["fields"]) == set(SAMPLE_FIELDS) | {f"{g}/{n}" for g in ("grasps", "noise") for n in GROUPS[g]}
@@ -111,7 +118,7 @@ def test_interrupted_simulation_goes_on(tmp_path: Path, dataset_dir: Path) -> No
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=20)
     assert process.returncode != 0 and "KeyboardInterrupt" in errors
-    names = sorted(p.name for p in folder.iterdir())
+    names = sorted(p.name for p in folder.iterdir() if p.name != UNFINISHED)
     assert names and all(n.endswith(".h5") for n in names) and len(names) < 15
     before = (folder / shard_name(0)).stat().st_mtime_ns
     simulate(SimulationConfig(**SMALL | {"grasps": 4 * len(names) + 2}), folder, threads=2, progress=False)
@@ -146,8 +153,11 @@ def test_folder_of_another_configuration_is_refused(dataset_dir: Path, tmp_path:
 
 def test_fewer_grasps_than_there_are_is_refused(dataset_dir: Path, tmp_path: Path) -> None:
     shutil.copytree(dataset_dir, tmp_path / "data")
-    with pytest.raises(SimulationError, match="holds 4 grasps"):
+    with pytest.raises(SimulationError, match=r"shard-00001\.h5: not of the 1 shards that 3 grasps make"):
         simulate(SimulationConfig(**SMALL | {"grasps": 3}), tmp_path / "data", progress=False)
+    with pytest.raises(SimulationError, match=r"shard-00001\.h5: holds 2 grasps, but 5 grasps in all leave 1 for it"):
+        simulate(SimulationConfig(**SMALL | {"grasps": 5}), tmp_path / "data", progress=False)
+    assert contents(tmp_path / "data") == contents(dataset_dir)
 
 
 def test_damaged_shard_is_named(dataset_dir: Path, tmp_path: Path) -> None:
@@ -174,3 +184,125 @@ def test_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(SimulationError, match="cannot be made a data set folder"):
         simulate(SimulationConfig(**SMALL), tmp_path / "file" / "data", progress=False)
+
+
+def flipped(path: Path, at: int) -> None:
+    data = bytearray(path.read_bytes())
+    data[at] ^= 0x10
+    path.write_bytes(data)
+
+
+def test_flipped_bytes_in_an_unfinished_data_set(dataset_dir: Path, tmp_path: Path, trust: Figures) -> None:
+    """Wherever the byte lies: the shard is named, nothing is written over it, and its hash is not renewed."""
+    folder = begin(dataset_dir, tmp_path / "data")
+    shard, size = folder / shard_name(0), (dataset_dir / shard_name(0)).stat().st_size
+    before = contents(folder)
+    places = [*range(0, 2000, 97), *range(2000, size, size // 40), size - 1]
+    for at in places:
+        flipped(shard, at)
+        damaged = contents(folder)
+        with pytest.raises(SimulationError, match=r"shard-00000\.h5: "):
+            simulate(SimulationConfig(**SMALL), folder, progress=False)
+        assert contents(folder) == damaged
+        flipped(shard, at)
+    assert contents(folder) == before
+    trust["files_flipped_bytes_of_a_shard"] = len(places)
+    simulate(SimulationConfig(**SMALL), folder, progress=False)
+    assert contents(folder) == contents(dataset_dir)
+
+
+def test_a_shard_copied_over_another_is_named(dataset_dir: Path, tmp_path: Path) -> None:
+    config = SimulationConfig(**SMALL | {"grasps": 8})
+    whole = tmp_path / "whole"
+    simulate(config, whole, progress=False)
+    for folder in (Path(shutil.copytree(whole, tmp_path / "finished")), begin(whole, tmp_path / "unfinished", 2)):
+        shutil.copy(folder / shard_name(0), folder / shard_name(1))
+        before = contents(folder)
+        with pytest.raises(SimulationError, match=r"shard-00001\.h5: is a copy of shard 0"):
+            simulate(config, folder, progress=False)
+        assert contents(folder) == before
+
+
+def test_a_shard_without_a_record_is_made_again(dataset_dir: Path, tmp_path: Path) -> None:
+    """As one of an earlier version, or one put there by hand: nothing says that it is as it was."""
+    folder = begin(dataset_dir, tmp_path / "data")
+    (folder / UNFINISHED).unlink()
+    flipped(folder / shard_name(0), (folder / shard_name(0)).stat().st_size // 2)
+    simulate(SimulationConfig(**SMALL), folder, progress=False)
+    assert contents(folder) == contents(dataset_dir)
+
+
+def test_a_record_that_is_none_is_named(dataset_dir: Path, tmp_path: Path) -> None:
+    folder = begin(dataset_dir, tmp_path / "data")
+    for text in (b"", b"{}", b"[1]", b'{"shards": [{}]}', b"\xff"):
+        (folder / UNFINISHED).write_bytes(text)
+        with pytest.raises(SimulationError, match=r"unfinished\.json: not readable .*delete it"):
+            simulate(SimulationConfig(**SMALL), folder, progress=False)
+
+
+def test_shards_beyond_the_last_are_named(dataset_dir: Path, tmp_path: Path) -> None:
+    """6 grasps in shards of 2, then 4: the third shard would be nobody's."""
+    config = SimulationConfig(**SMALL | {"shard_grasps": 2, "cases": 1})
+    simulate(config, tmp_path / "data", progress=False)
+    before = contents(tmp_path / "data")
+    with pytest.raises(
+        SimulationError, match=r"shard-00002\.h5: not of the 2 shards that 4 grasps make, 2 in each; ask"
+    ):
+        simulate(replace(config, grasps=4), tmp_path / "data", progress=False)
+    assert contents(tmp_path / "data") == before
+
+
+def test_foreign_files_stay_and_own_leftovers_go(dataset_dir: Path, tmp_path: Path) -> None:
+    folder = begin(dataset_dir, tmp_path / "data")
+    foreign = ["film.partial", ".film.partial", "shard-00001.h5.partial.mine", "notes.txt", "my-shard-00000.h5.partial"]
+    own = [".shard-00001.h5.partial", "shard-00001.h5.partial", ".manifest.json.partial", LOCK]
+    for name in (*foreign, *own):
+        (folder / name).write_text("x")
+    simulate(SimulationConfig(**SMALL), folder, progress=False)
+    assert sorted(contents(folder)) == sorted([*foreign, *contents(dataset_dir)])
+
+
+def test_two_simulations_of_one_folder(tmp_path: Path) -> None:
+    """The second is told who is there; the first ends as if it had been alone."""
+    start = [sys.executable, "-m", "aminn.cli", "simulate", "--out", str(tmp_path / "data"), "--cases=2"]
+    first = subprocess.Popen([*start, "--grasps=8", "--seed=1"], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    while not (tmp_path / "data" / LOCK).exists() and first.poll() is None:
+        time.sleep(0.005)
+    first.send_signal(signal.SIGSTOP)
+    second = subprocess.run([*start, "--grasps=8", "--seed=2"], capture_output=True, text=True)
+    first.send_signal(signal.SIGCONT)
+    assert second.returncode == 1 and f"data: in use by process {first.pid} on " in second.stderr, second.stderr
+    assert "simulate --out" in second.stderr and "Traceback" not in second.stderr
+    _, errors = first.communicate()
+    assert first.returncode == 0, errors
+    assert read_data(tmp_path / "data").manifest["seed"] == 1
+
+
+def test_a_shard_that_somebody_has_open_is_not_called_damaged(dataset_dir: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(dataset_dir, tmp_path / "data"))
+    code = "import h5py, sys; f = h5py.File(sys.argv[1], sys.argv[2]); print('open', flush=True); sys.stdin.read()"
+    for mode in ("r", "r+"):
+        command = [sys.executable, "-c", code, str(folder / shard_name(0)), mode]
+        other = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        assert other.stdout is not None and other.stdout.readline() == "open\n"
+        try:
+            if mode == "r":
+                simulate(SimulationConfig(**SMALL), folder, progress=False)
+                read_data(folder)
+                continue
+            with pytest.raises(InUseError, match=f"shard-00000.h5: open for writing in process {other.pid} .*close it"):
+                simulate(SimulationConfig(**SMALL), folder, progress=False)
+            with pytest.raises(InUseError, match="open for writing"):
+                read_data(folder)
+        finally:
+            other.communicate("")
+
+
+def test_a_report_over_the_data_set_is_refused(dataset_dir: Path, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(dataset_dir, tmp_path / "data"))
+    for name in ("manifest.json", shard_name(0)):
+        with pytest.raises(AminnError, match="which this command needs itself"):
+            simulate(SimulationConfig(**SMALL | {"grasps": 8}), folder, progress=False, report=folder / name)
+    with pytest.raises(AminnError, match="which this command needs itself"):
+        simulate(SimulationConfig(**SMALL), folder, progress=False, report=default_hand_file())
+    assert contents(folder) == contents(dataset_dir)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import json
+import os
 import shutil
 from pathlib import Path
 
@@ -12,7 +14,7 @@ import numpy as np
 import pytest
 
 from aminn.dataset import SPLITS, Dataset, load_dataset, split_of
-from aminn_base.errors import AminnError
+from aminn_base.errors import AminnError, InUseError
 
 
 def test_splits_share_no_grasp_and_cover_all(dataset: Dataset) -> None:
@@ -81,6 +83,28 @@ def drop_noise(path: Path) -> None:
     record_hash(path)
 
 
+def change_manifest(path: Path, **changes: object) -> None:
+    manifest = json.loads((path / "manifest.json").read_text())
+    (path / "manifest.json").write_text(json.dumps(manifest | changes))
+
+
+def list_a_copy(path: Path) -> None:
+    """A shard that was copied over another before its hash was taken."""
+    shutil.copy(path / "shard-00000.h5", path / "shard-00001.h5")
+    entry = json.loads((path / "manifest.json").read_text())["shards"][0]
+    change_manifest(path, shards=[entry, entry | {"file": "shard-00001.h5"}])
+
+
+def list_twice(path: Path) -> None:
+    change_manifest(path, shards=json.loads((path / "manifest.json").read_text())["shards"] * 2)
+
+
+def lose_a_grasp(path: Path) -> None:
+    with h5py.File(path / "shard-00000.h5", "r+") as file:
+        file["samples/grasp_id"][5] = 10_000
+    record_hash(path)
+
+
 def test_fractions_of_a_split_are_nested(dataset: Dataset) -> None:
     ids = [set(dataset.split("train", f).samples["grasp_id"].tolist()) for f in (0.1, 0.3, 1.0)]
     assert ids[0] < ids[1] < ids[2]
@@ -116,9 +140,23 @@ def test_a_selection_is_another_data_set(dataset: Dataset) -> None:
         (put_nan, "w_e is not finite in sample 3"),
         (drop_field, "/samples/j_x is missing"),
         (drop_noise, "not a readable shard"),
+        (lambda p: shutil.copy(p / "shard-00000.h5", p / "shard-00007.h5"), "shard-00007.h5: the manifest does not"),
+        (list_a_copy, "shard-00001.h5: holds grasp 0, which shard-00000.h5 holds too"),
+        (list_twice, "shard-00000.h5: holds grasp 0, which shard-00000.h5 holds too"),
+        (lose_a_grasp, "samples of grasps that it does not hold"),
+        (lambda p: change_manifest(p, n_grasps=3), "n_grasps of the manifest is 3, the shards hold 120"),
+        (lambda p: change_manifest(p, n_samples=3), "n_samples of the manifest is 3"),
     ],
 )
 def test_damaged_data_gives_a_clear_error(copy: Path, damage, message: str) -> None:
     damage(copy)
     with pytest.raises(AminnError, match=message):
         load_dataset(copy)
+
+
+def test_a_shard_that_is_open_elsewhere_is_not_called_damaged(copy: Path) -> None:
+    with (copy / "shard-00000.h5").open("r+b") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)  # as HDF5 does
+        with pytest.raises(InUseError, match=f"shard-00000.h5: open for writing in process {os.getpid()} "):
+            load_dataset(copy)
+    load_dataset(copy)

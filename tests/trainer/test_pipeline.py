@@ -14,7 +14,7 @@ from aminn.dataset import Dataset, load_dataset
 from aminn.paper_table import filled, write_tables
 from aminn.pipeline import anew_if_outdated
 from aminn.train import train
-from aminn_base.errors import AminnError
+from aminn_base.errors import AminnError, InUseError, WriteError
 
 
 def test_outdated_folder_is_made_again(dataset: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
@@ -34,6 +34,18 @@ def test_an_error_that_is_not_the_folder_s_fault_is_raised(tmp_path: Path) -> No
         anew_if_outdated(tmp_path / "run", fail)
     with pytest.raises(AminnError, match="no data"):
         anew_if_outdated(tmp_path / "run", fail)
+
+
+@pytest.mark.parametrize("error", [WriteError(Path("x"), "No space left on device"), InUseError("x: in use")])
+def test_a_full_disk_or_another_program_costs_no_folder(tmp_path: Path, error: AminnError) -> None:
+    (tmp_path / "kept").touch()
+
+    def fail() -> None:
+        raise error
+
+    with pytest.raises(type(error)):
+        anew_if_outdated(tmp_path, fail)
+    assert (tmp_path / "kept").exists()
 
 
 def test_variants_of_a_study_differ_and_share_the_rest() -> None:

@@ -18,10 +18,12 @@ from aminn.config import LossWeights, TrainConfig
 from aminn.dataset import Dataset
 from aminn.evaluate import evaluate, flat_report, format_table
 from aminn.export_tables import export_tables
+from aminn.pipeline import anew_if_outdated
 from aminn.run_state import FILE, load_run
 from aminn.train import train
-from aminn_base.errors import AminnError
+from aminn_base.errors import AminnError, InUseError
 from aminn_base.files import write_json
+from aminn_base.lock import NAME, locked_folder
 
 SHORT = TrainConfig(epochs=2)
 
@@ -244,3 +246,20 @@ def test_checkpoint_is_as_readable_as_other_files(dataset: Dataset, tmp_path: Pa
     train(SHORT, dataset, tmp_path)
     (tmp_path / "plain").touch()
     assert (tmp_path / WEIGHTS).stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_two_runs_in_one_folder(dataset: Dataset, tmp_path: Path) -> None:
+    """The second is told who is there; nothing of the first is touched, nor removed as outdated."""
+    out = tmp_path / "run"
+    with locked_folder(out):
+        (out / "kept").touch()
+        with pytest.raises(InUseError, match=f"run: in use by process {os.getpid()} on"):
+            train(SHORT, dataset, out)
+        with pytest.raises(InUseError):
+            anew_if_outdated(out, lambda: train(replace(SHORT, seed=2), dataset, out))
+        assert sorted(p.name for p in out.iterdir()) == [NAME, "kept"]
+    (out / "kept").unlink()
+    train(SHORT, dataset, out)
+    assert NAME not in [p.name for p in out.iterdir()]
+    with locked_folder(out):  # what is finished can be had while somebody else holds the folder
+        train(SHORT, dataset, out)

@@ -12,7 +12,7 @@ from safetensors import SafetensorError
 from safetensors.torch import load_file, save
 from torch import Tensor, nn
 
-from aminn_base.errors import AminnError
+from aminn_base.errors import AminnError, OutdatedError
 from aminn_base.files import write_atomically, write_json
 
 from .baseline import Mlp
@@ -46,7 +46,6 @@ def build_model(kind: str, config: ModelConfig, nominal: Nominal) -> Aminn | Mlp
 
 def save_checkpoint(path: Path, model: Aminn | Mlp, meta: dict) -> None:
     """Write `model` and `meta` into folder `path`."""
-    path.mkdir(parents=True, exist_ok=True)
     write_atomically(path / WEIGHTS, save({k: v.contiguous() for k, v in model.state_dict().items()}))
     nominal = {k: v.tolist() for k, v in asdict(model.nominal).items()}
     fixed = {
@@ -59,32 +58,32 @@ def save_checkpoint(path: Path, model: Aminn | Mlp, meta: dict) -> None:
 
 
 def load_weights(module: nn.Module, tensors: dict[str, Tensor], source: str) -> None:
-    """Load weights. Raises AminnError that names the first tensor that does not fit the architecture."""
+    """Load weights. Raises OutdatedError that names the first tensor that does not fit the architecture."""
     expected = module.state_dict()
     for name, value in expected.items():
         if name not in tensors:
-            raise AminnError(f"{source}: tensor {name} is missing; the weights are of another architecture")
+            raise OutdatedError(f"{source}: tensor {name} is missing; the weights are of another architecture")
         if tensors[name].shape != value.shape:
-            raise AminnError(
+            raise OutdatedError(
                 f"{source}: tensor {name} has shape {tuple(tensors[name].shape)}, the configuration asks for "
                 f"{tuple(value.shape)}; the weights are of another architecture"
             )
     surplus = sorted(tensors.keys() - expected.keys())
     if surplus:
-        raise AminnError(f"{source}: tensor {surplus[0]} is unknown; the weights are of another architecture")
+        raise OutdatedError(f"{source}: tensor {surplus[0]} is unknown; the weights are of another architecture")
     module.load_state_dict(tensors)
 
 
 def load_checkpoint(path: Path) -> Checkpoint:
-    """Read the checkpoint in folder `path`. Raises AminnError with what is wrong with it."""
+    """Read the checkpoint in folder `path`. Raises OutdatedError with what is wrong with it."""
     weights, meta_file = path / WEIGHTS, path / META
     for file in (weights, meta_file):
         if not file.is_file():
-            raise AminnError(f"{path}: {file.name} is missing; a checkpoint is a folder that `aminn train` wrote")
+            raise OutdatedError(f"{path}: {file.name} is missing; a checkpoint is a folder that `aminn train` wrote")
     try:
         meta = json.loads(meta_file.read_text())
         if meta["format_version"] != FORMAT_VERSION:
-            raise AminnError(
+            raise OutdatedError(
                 f"{meta_file}: format_version {meta['format_version']}, this program reads {FORMAT_VERSION}"
             )
         nominal = Nominal(**{k: np.asarray(v) for k, v in meta["nominal"].items()})
@@ -92,7 +91,7 @@ def load_checkpoint(path: Path) -> Checkpoint:
         model = build_model(meta["kind"], config, nominal)
         tensors = load_file(weights)
     except (json.JSONDecodeError, KeyError, TypeError, SafetensorError) as error:
-        raise AminnError(f"{path}: not a usable checkpoint ({type(error).__name__}: {error})") from error
+        raise OutdatedError(f"{path}: not a usable checkpoint ({type(error).__name__}: {error})") from error
     load_weights(model, tensors, str(weights))
     sha256 = hashlib.sha256(weights.read_bytes() + meta_file.read_bytes()).hexdigest()
     return Checkpoint(model.eval(), meta, path, sha256)

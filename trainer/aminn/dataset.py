@@ -7,6 +7,7 @@ that it does not change when a data set grows.
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +18,7 @@ import torch
 from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError
+from aminn_base.lock import read_shared
 
 from .dims import INPUT_SHAPES, N_JOINT, N_TENDON, N_WRENCH
 from .nominal import gated_tendons
@@ -147,10 +149,11 @@ def _read_shard(folder: Path, entry: dict) -> Shard:
     path = folder / entry["file"]
     if not path.is_file():
         raise AminnError(f"{path}: the manifest names this shard, but it is missing; run the simulation again")
-    if hashlib.sha256(path.read_bytes()).hexdigest() != entry["sha256"]:
+    content = read_shared(path)
+    if hashlib.sha256(content).hexdigest() != entry["sha256"]:
         raise AminnError(f"{path}: damaged, its SHA-256 is not the manifest's; delete it and run the simulation again")
     try:
-        with h5py.File(path, "r") as file:
+        with h5py.File(io.BytesIO(content), "r") as file:
             shard = {group: {name: rows[()] for name, rows in file[group].items()} for group in GROUPS}
     except (OSError, KeyError) as error:
         raise AminnError(f"{path}: not a readable shard ({error})") from error
@@ -164,6 +167,33 @@ def _read_shard(folder: Path, entry: dict) -> Shard:
     return shard
 
 
+def _check_together(path: Path, manifest: dict, shards: list[Shard]) -> None:
+    """The shards are those of the manifest, all of them and no others, and no grasp is there twice."""
+    names = [entry["file"] for entry in manifest["shards"]]
+    foreign = sorted({p.name for p in path.glob("shard-*.h5")} - set(names))
+    if foreign:
+        raise AminnError(
+            f"{path / foreign[0]}: the manifest does not name this shard; delete it if it is left from a larger data "
+            "set, else run the simulation again"
+        )
+    holder: dict[int, str] = {}
+    for name, shard in zip(names, shards, strict=True):
+        ids, of_samples = shard["grasps"]["grasp_id"].tolist(), set(shard["samples"]["grasp_id"].tolist())
+        for grasp in ids:
+            if grasp in holder:
+                raise AminnError(
+                    f"{path / name}: holds grasp {grasp}, which {holder[grasp]} holds too; delete manifest and "
+                    "shard and run the simulation again"
+                )
+            holder[grasp] = name
+        if of_samples - set(ids):
+            raise AminnError(f"{path / name}: has samples of grasps that it does not hold; run the simulation again")
+    for key, group in (("n_grasps", "grasps"), ("n_samples", "samples")):
+        rows = sum(len(shard[group]["grasp_id"]) for shard in shards)
+        if rows != manifest[key]:
+            raise AminnError(f"{path}: {key} of the manifest is {manifest[key]}, the shards hold {rows}")
+
+
 def _joined(shards: list[Shard], group: str) -> dict[str, NDArray]:
     return {name: np.concatenate([shard[group][name] for shard in shards]) for name in shards[0][group]}
 
@@ -174,6 +204,7 @@ def load_dataset(path: Path) -> Dataset:
     shards = [_read_shard(path, entry) for entry in manifest["shards"]]
     if not shards:
         raise AminnError(f"{path}: the data set has no shards")
+    _check_together(path, manifest, shards)
     starts = np.cumsum([0] + [len(shard["samples"]["stable"]) for shard in shards])
     for shard, start in zip(shards, starts, strict=False):
         shard["noise"]["sample"] = shard["noise"]["sample"] + start

@@ -14,7 +14,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from aminn_base.errors import AminnError
+from aminn_base.errors import OutdatedError
 
 from .checkpoint import Checkpoint
 from .evaluate import Evaluation, names_of, truth
@@ -27,11 +27,14 @@ T = TypeVar("T")
 
 
 def anew_if_outdated(folder: Path, work: Callable[[], T]) -> T:
-    """Do `work`, which fills a build folder; what an earlier version of the program left there is made again."""
+    """Do `work`, which fills a build folder; what an earlier version of the program left there is made again.
+
+    Any other error, a full disk or another program in the folder, leaves the folder alone.
+    """
     existed = folder.exists()
     try:
         return work()
-    except AminnError as error:
+    except OutdatedError as error:
         if not existed:
             raise
         click.echo(f"{folder} is made again: {error}")

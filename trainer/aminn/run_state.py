@@ -16,7 +16,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor
 
-from aminn_base.errors import AminnError
+from aminn_base.errors import OutdatedError
 from aminn_base.files import write_atomically
 
 FILE = "unfinished.safetensors"
@@ -65,7 +65,7 @@ def save_run(folder: Path, identity: dict, state: RunState) -> None:
 
 
 def load_run(folder: Path, identity: dict) -> RunState | None:
-    """The unfinished run in `folder`, if there is one. Raises AminnError if it is damaged or of another run."""
+    """The unfinished run in `folder`, if there is one. Raises OutdatedError if it is damaged or of another run."""
     path = folder / FILE
     if not path.is_file():
         return None
@@ -75,9 +75,9 @@ def load_run(folder: Path, identity: dict) -> RunState | None:
             found, progress = json.loads(metadata["identity"]), json.loads(metadata["progress"])
             tensors = {name: file.get_tensor(name) for name in file.keys()}
     except (SafetensorError, KeyError, json.JSONDecodeError) as error:
-        raise AminnError(f"{path}: the unfinished run there is damaged ({error}); remove the folder") from error
+        raise OutdatedError(f"{path}: the unfinished run there is damaged ({error}); remove the folder") from error
     if found != json.loads(json.dumps(identity)):
-        raise AminnError(
+        raise OutdatedError(
             f"{folder}: holds an unfinished run that differs in {', '.join(differences(found, identity))}; "
             "remove the folder or give another one"
         )

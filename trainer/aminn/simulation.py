@@ -62,32 +62,21 @@ def run_simulation(
     `engine` is one of `aminn_sim.engines.ENGINES`, `hand` a hand file; `settings` are further fields of
     `aminn_sim.SimulationConfig`. `json_file` gets the time it took, if there was anything left to do.
     """
-    from aminn_sim import SimulationConfig, SimulationError, simulate
+    from aminn_sim import SimulationConfig, simulate
 
-    try:
-        config = SimulationConfig(grasps=grasps, cases=cases, seed=seed, **settings)
-        return simulate(config, out, threads=threads or 0, engine=engine, hand=hand, report=json_file)
-    except SimulationError as error:
-        raise AminnError(str(error)) from error
+    config = SimulationConfig(grasps=grasps, cases=cases, seed=seed, **settings)
+    return simulate(config, out, threads=threads or 0, engine=engine, hand=hand, report=json_file)
 
 
 def run_gallery(data: Path, count: int, hand: Path | None = None) -> Path:
     """Draw `count` grasps of the data set in folder `data`; returns the page that shows them."""
-    from aminn_sim import SimulationError
     from aminn_sim.gallery import gallery
 
-    try:
-        return gallery(data, count, hand)
-    except SimulationError as error:
-        raise AminnError(str(error)) from error
+    return gallery(data, count, hand)
 
 
 def run_card(data: Path) -> Path:
     """Write the data card of the data set in folder `data`; returns the page."""
-    from aminn_sim import SimulationError
     from aminn_sim.card import data_card
 
-    try:
-        return data_card(data)
-    except SimulationError as error:
-        raise AminnError(str(error)) from error
+    return data_card(data)

@@ -19,7 +19,8 @@ import torch
 from torch import Tensor, nn
 from tqdm import tqdm
 
-from aminn_base.errors import AminnError
+from aminn_base.errors import AminnError, OutdatedError, WriteError
+from aminn_base.lock import locked_folder
 
 from .baseline import n_parameters
 from .card import write_card
@@ -252,17 +253,28 @@ class _Board:
         if folder is not None:
             from torch.utils.tensorboard import SummaryWriter
 
-            self.writer = SummaryWriter(folder, purge_step=epochs_done or None)
+            with self._told(folder):
+                self.writer = SummaryWriter(folder, purge_step=epochs_done or None)
+
+    @contextmanager
+    def _told(self, folder: Path) -> Iterator[None]:
+        """Errors of the writer, which come whenever its thread has met them, name the folder."""
+        try:
+            yield
+        except OSError as error:
+            raise WriteError(folder, error.strerror or str(error)) from error
 
     def epoch(self, loop: _Loop, epoch: int) -> None:
         if self.writer is not None:
-            for part, values in loop.history.items():
-                self.writer.add_scalar(f"{loop.stage.name}/{part}", values[-1], epoch)
-            self.writer.add_scalar(f"{loop.stage.name}/learning_rate", loop.schedule.get_last_lr()[0], epoch)
+            with self._told(Path(self.writer.log_dir)):
+                for part, values in loop.history.items():
+                    self.writer.add_scalar(f"{loop.stage.name}/{part}", values[-1], epoch)
+                self.writer.add_scalar(f"{loop.stage.name}/learning_rate", loop.schedule.get_last_lr()[0], epoch)
 
     def close(self) -> None:
         if self.writer is not None:
-            self.writer.close()
+            with self._told(Path(self.writer.log_dir)):
+                self.writer.close()
 
 
 def _check_parts(parts: dict[str, Dataset]) -> None:
@@ -286,7 +298,7 @@ def _finished(out: Path, identity: dict) -> Checkpoint | None:
     checkpoint = load_checkpoint(out)
     found = checkpoint.meta.get("identity", {})
     if found != identity:
-        raise AminnError(
+        raise OutdatedError(
             f"{out}: holds a model of another configuration or data set (it differs in "
             f"{', '.join(differences(found, identity))}); remove the folder or give another one"
         )
@@ -300,7 +312,7 @@ def train(
 
     Goes on with an unfinished run found there; a finished one of the same configuration and data is returned as is.
     `bar_position` is the line of the progress bar, for runs side by side; `tensorboard` writes curves to
-    out/tensorboard.
+    out/tensorboard. One process works in a folder at a time: InUseError names the other one.
     """
     parts = {"train": dataset.split("train", config.train_fraction), "validation": dataset.split("validation")}
     _check_parts(parts)
@@ -308,7 +320,6 @@ def train(
     finished = _finished(out, identity)
     if finished is not None:
         return finished
-    resumed = load_run(out, identity)
     torch.set_num_threads(1)
     torch.manual_seed(config.seed)
     nominal = nominal_from_hand(dataset.manifest["hand"])
@@ -316,14 +327,18 @@ def train(
         check_symmetric(nominal)
     model = build_model(config.kind, config.model, nominal)
     stages = _stages(model, config, parts["train"], parts["validation"])
-    out.mkdir(parents=True, exist_ok=True)
-    history = _optimise(model, stages, config, out, identity, resumed, bar_position, tensorboard)
-    meta = _result(model, parts, dataset.manifest)
-    meta |= {"seed": config.seed, "identity": identity, "history": history}
-    save_checkpoint(out, model, meta)
-    checkpoint = load_checkpoint(out)
-    write_card(checkpoint)
-    clear_run(out)
+    with locked_folder(out):
+        finished = _finished(out, identity)  # by another process meanwhile
+        if finished is not None:
+            return finished
+        resumed = load_run(out, identity)
+        history = _optimise(model, stages, config, out, identity, resumed, bar_position, tensorboard)
+        meta = _result(model, parts, dataset.manifest)
+        meta |= {"seed": config.seed, "identity": identity, "history": history}
+        save_checkpoint(out, model, meta)
+        checkpoint = load_checkpoint(out)
+        write_card(checkpoint)
+        clear_run(out)
     return checkpoint
 
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from aminn.dataset import load_dataset
 from aminn.dims import INPUT_SHAPES, OUTPUT_SHAPES
 from aminn_base.errors import AminnError
-from aminn_base.files import write_json
+from aminn_base.files import refuse_inputs, write_json
 
 from .adversarial import KINDS, adversarial_states
 from .bin_model import BinModel, read_bin_model
@@ -268,10 +268,11 @@ def main(
 ) -> None:
     """Measure the numerical fidelity of the runtime on all targets."""
     try:
+        refuse_inputs(json_file, [*model_dir.glob("*"), *data.glob("*")])
         figures = fidelity(model_dir, data, work, states, tuple(targets.split(",")), stride, jobs)
+        write_json(json_file, figures)
     except (AminnError, OSError) as error:
         raise click.ClickException(str(error)) from error
-    write_json(json_file, figures)
     click.echo(format_figures(figures))
     if figures["aims_missed"]:
         click.echo(f"aims missed: {figures['aims_missed']}")
