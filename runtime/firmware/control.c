@@ -46,6 +46,7 @@ int run_control(const char *frames)
     const int file = semihost_open(frames, SEMIHOST_READ);
     vector_header_t header;
     budget_t b = {0, 0, 0, 0, 0, 0, 0};
+    aminn_status_t status;
     uint32_t i, rate, worst;
     if (file < 0) {
         return fail(frames, "cannot open");
@@ -54,8 +55,9 @@ int run_control(const char *frames)
         vector_header_error(&header, (uint32_t)semihost_length(file) - (uint32_t)sizeof header) != NULL) {
         return fail(frames, "not a whole vector file");
     }
-    if (limiter_init(&limiter, &MODEL_SYMBOL, limits) != AMINN_OK) {
-        return fail("limiter", "the model is refused");
+    status = limiter_init(&limiter, &MODEL_SYMBOL, limits);
+    if (status != AMINN_OK) {
+        return fail("limiter", aminn_status_name(status));
     }
     ticks_start();
     rate = calibrate();

@@ -2,9 +2,10 @@
 
 aminn_status_t limiter_init(limiter_t *limiter, const aminn_model_t *model, limits_t limits)
 {
+    const aminn_status_t status = aminn_init(&limiter->aminn, model, 0);
     limiter->limits = limits;
     limiter->share = 1.0F;
-    return aminn_init(&limiter->aminn, model, 0);
+    return status != AMINN_OK ? status : aminn_self_test(&limiter->aminn);
 }
 
 /* the grasp holds, the tool moves little enough, and the model knows such inputs */

@@ -21,7 +21,8 @@ typedef struct limiter {
     float share; /* of the commanded load that is permitted now, 0 .. 1 */
 } limiter_t;
 
-/* Prepare it; returns what aminn_init() returns. The full load is permitted at first. */
+/* Prepare it and test the library; returns what aminn_init() or aminn_self_test() returns. The full load is permitted at
+ * first. */
 aminn_status_t limiter_init(limiter_t *limiter, const aminn_model_t *model, limits_t limits);
 
 /*

@@ -5,6 +5,7 @@
  * Command line: firmware VECTORS.bin OUT.bin   the formats of runtime/tools/vector_file.h
  *               firmware --control FRAMES.bin  a 1 kHz loop that limits the commanded load (control.c)
  *               firmware --serial              answers on the UART (serial.c)
+ *               firmware --self-test           the self-test under other modes of the FPU (self_test.c)
  *               firmware --fault               runs into an undefined instruction, to try the fault handler
  *
  * Ends with 0; 1 and a message on a bad file; 70 after a fault. Prints figures as lines "firmware: NAME VALUE".
@@ -185,11 +186,18 @@ int main(void)
     if (status != AMINN_OK) {
         return fail("aminn_init", aminn_status_name(status));
     }
+    status = aminn_self_test(&ctx);
+    if (status != AMINN_OK) {
+        return fail("aminn_self_test", aminn_status_name(status));
+    }
     if (semihost_command_line(command_line, sizeof command_line) != 0 || parse(&vectors, &results) != 0) {
         return fail("usage", "firmware VECTORS.bin OUT.bin");
     }
     if (strcmp(vectors, "--fault") == 0) {
         __asm volatile("udf #0");
+    }
+    if (strcmp(vectors, "--self-test") == 0) {
+        return run_self_test();
     }
     if (strcmp(vectors, "--serial") == 0) {
         return run_serial();

@@ -1,4 +1,4 @@
-/* The firmware's other ways to run, beside the replay of main.c. Both return the exit status. */
+/* The firmware's other ways to run, beside the replay of main.c. Each returns the exit status. */
 #ifndef MODES_H
 #define MODES_H
 
@@ -7,5 +7,8 @@ int run_control(const char *frames);
 
 /* firmware --serial: answers questions on the board's UART for ever (docs/runtime.md has the protocol). */
 int run_serial(void);
+
+/* firmware --self-test: the self-test under other modes of the FPU, each of which it must name. */
+int run_self_test(void);
 
 #endif

@@ -59,7 +59,11 @@
  *     static aminn_state_t state;                   // filled from encoders, hand pose and contact sensors
  *     static aminn_output_t out;
  *
- *     int controller_start(void) { return aminn_init(&ctx, &aminn_model, 0); }
+ *     int controller_start(void)
+ *     {
+ *         aminn_status_t status = aminn_init(&ctx, &aminn_model, 0);
+ *         return status != AMINN_OK ? status : aminn_self_test(&ctx);
+ *     }
  *
  *     // 1: the grasp holds and the tool will move by out.dx_ht; 0: it will not hold; negative: status code
  *     int controller_step(void)

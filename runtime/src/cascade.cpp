@@ -1,6 +1,7 @@
 // The cascade: does it hold (stage 1), and if it does, how far does it move (stage 2)?
 #include "network.hpp"
 #include "parts.hpp"
+#include "probe.hpp"
 
 namespace aminn {
 inline namespace AMINN_CORE {
@@ -53,33 +54,7 @@ bool run_stage(aminn_t &ctx, int i, const Scene &scene, const aminn_input_t &in,
 
 aminn_status_t probe_arithmetic()
 {
-    constexpr float kUlp = 0x1p-23F; // of 1
-    static const float kNumbers[] = {1.0F,   0.75F * kUlp, 0.375F * kUlp, -0.0F,       82.0F,   41.0F,
-                                     164.0F, 328.0F,       0x1.001p0F,    -0x1.002p0F, FLT_MIN, 0.5F};
-    const volatile float *number = kNumbers; // read at run time, one after the other
-    const float one = *number++;
-    float sum = one + *number++;
-    sum = sum + *number++;
-    const float rest = sum - one;
-    if (rest == 0.0F || rest == 2.0F * kUlp) { // rounded down, rounded up
-        return AMINN_E_ROUNDING;
-    }
-    uint32_t other = bits_of(*number++ + 0.0F);
-    const float numerator = *number++;
-    const float divisor = *number++; // times the number next to its inverse it is not 1
-    float quotients = numerator / divisor + *number++ / divisor;
-    quotients = quotients + *number++ / divisor;
-    other |= (bits_of(rest) ^ bits_of(kUlp)) | (bits_of(quotients) ^ bits_of(14.0F));
-    if (other != 0) {
-        return AMINN_E_FAST_MATH;
-    }
-    const float factor = *number++;
-    if (bits_of(factor * factor + *number++) != 0) { // what rounding takes away from the product is left
-        return AMINN_E_CONTRACTED;
-    }
-    const float smallest = *number++;
-    const float half = smallest * *number;
-    return half + half == smallest ? AMINN_OK : AMINN_E_FLUSH;
+    return judged(probe());
 }
 
 bool run_cascade(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out)

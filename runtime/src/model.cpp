@@ -52,15 +52,15 @@ bool all_finite16(const uint16_t *values, uint32_t n)
 // every table is there, and all of it finite
 bool tables_finite(const aminn_model_t &m)
 {
-    for (const TableInfo &table : kTables) {
-        const void *values = table_pointer(m, table);
-        const uint32_t n = table_length(m, table);
-        if (values == nullptr) {
+    for (const TableInfo &info : kTables) {
+        Table table;
+        find_table(m, info, table);
+        if (table.numbers == nullptr) {
             return false;
         }
-        const bool half = element_size(m, table) == sizeof(uint16_t);
-        if (half ? !all_finite16(static_cast<const uint16_t *>(values), n)
-                 : !all_finite(static_cast<const float *>(values), static_cast<int>(n))) {
+        if (table.size == sizeof(float)
+                ? !all_finite(static_cast<const float *>(table.numbers), static_cast<int>(table.n))
+                : !all_finite16(static_cast<const uint16_t *>(table.numbers), table.n)) {
             return false;
         }
     }

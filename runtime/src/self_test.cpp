@@ -17,8 +17,10 @@ uint32_t content_crc(const aminn_model_t &m)
     for (const aminn_stage_model_t &stage : m.stage) {
         crc = crc32(crc, &stage.eps_m, 3, kWord);
     }
-    for (const TableInfo &table : kTables) {
-        crc = crc32(crc, table_pointer(m, table), table_length(m, table), element_size(m, table));
+    for (const TableInfo &info : kTables) {
+        Table table;
+        find_table(m, info, table);
+        crc = crc32(crc, table.numbers, table.n, table.size);
     }
     return crc;
 }

@@ -86,34 +86,31 @@ inline uint32_t extent(const aminn_model_t &m, uint8_t code)
     }
 }
 
-// Elements of a table. The widths in the model must be set.
-[[gnu::noinline]] inline uint32_t table_length(const aminn_model_t &m, const TableInfo &table)
+// A table of a model.
+struct Table {
+    const void *numbers;
+    uint32_t n;
+    uint32_t size; // of a number, bytes
+};
+
+// The widths in the model must be set.
+inline void find_table(const aminn_model_t &m, const TableInfo &info, Table &table)
 {
-    return extent(m, table.rows) * extent(m, table.columns);
+    std::memcpy(&table.numbers, reinterpret_cast<const char *>(&m) + info.place * sizeof(void *), sizeof(void *));
+    table.n = extent(m, info.rows) * extent(m, info.columns);
+    table.size = info.weights && m.weight_type == AMINN_WEIGHTS_FLOAT16 ? sizeof(uint16_t) : sizeof(float);
 }
 
 // Each table of a blob begins at a multiple of this, counted from the blob's start: a row of weights then lies in as few
 // lines of a host's cache as it can.
 constexpr size_t kTableAlignment = 64;
 
-// Bytes of one of a table's numbers.
-inline size_t element_size(const aminn_model_t &m, const TableInfo &table)
-{
-    return table.weights && m.weight_type == AMINN_WEIGHTS_FLOAT16 ? sizeof(uint16_t) : sizeof(float);
-}
-
 // What a table takes of a blob, with what fills it up.
-inline size_t table_room(const aminn_model_t &m, const TableInfo &table)
+inline size_t table_room(const aminn_model_t &m, const TableInfo &info)
 {
-    const size_t size = table_length(m, table) * element_size(m, table);
-    return (size + kTableAlignment - 1) / kTableAlignment * kTableAlignment;
-}
-
-inline const void *table_pointer(const aminn_model_t &m, const TableInfo &table)
-{
-    const void *pointer = nullptr;
-    std::memcpy(&pointer, reinterpret_cast<const char *>(&m) + table.place * sizeof(void *), sizeof pointer);
-    return pointer;
+    Table table;
+    find_table(m, info, table);
+    return (table.n * table.size + kTableAlignment - 1) / kTableAlignment * kTableAlignment;
 }
 
 inline void set_table_pointer(aminn_model_t &m, const TableInfo &table, const void *pointer)

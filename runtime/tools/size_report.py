@@ -20,10 +20,20 @@ from pathlib import Path
 
 TOOLS = "arm-none-eabi-"
 ENTRY = "aminn_predict_state"
+SELF_TEST_ENTRY = "aminn_self_test"
 # Frames of the C library's functions that the runtime calls (newlib-nano, read off their disassembly).
 LIBRARY_FRAMES = {"memcpy": 8, "memset": 8, "memmove": 8, "memcmp": 8}
-RUN_FIGURES = ("context_bytes", "stack_predict_bytes", "instructions_per_prediction", "instructions_worst")
-AIMS = {"library_text_bytes": 8000, "context_bytes": 4000, "stack_worst_bytes": 3000, "instructions_per_mac": 3.0}
+RUN_FIGURES = (
+    *("context_bytes", "stack_predict_bytes", "instructions_per_prediction", "instructions_worst"),
+    "self_test_instructions",
+)
+AIMS = {
+    "library_text_bytes": 8000,
+    "self_test_text_bytes": 400,
+    "context_bytes": 4000,
+    "stack_worst_bytes": 3000,
+    "instructions_per_mac": 3.0,
+}
 FORBIDDEN = re.compile(
     r"^_*(malloc|free|calloc|realloc|sbrk|cxa_\w+|Unwind_\w+|gxx_personality\w*|stack_chk_\w+|\w*printf\w*|f?puts|fopen|fwrite"
     r"|aeabi_d\w+|aeabi_\w+2d|\w+df[23]|Zn[wa]\w*|Zd[la]\w*)(_r)?$"
@@ -52,15 +62,20 @@ def symbols(path: Path) -> dict[str, tuple[int, str]]:
     return {row[3]: (int(row[1], 16), row[2]) for row in rows if len(row) == 4}
 
 
+# Symbols that aminn_self_test() alone needs in an image without the loader of binary models.
+SELF_TEST = re.compile(r"aminn_self_test|probe_arithmetic|5crc32E")
+
+
 def library_text(archive: Path, image: Path) -> dict[str, int]:
-    """Bytes of the library's code and constants in the image, and in the whole archive."""
+    """Bytes of the library's code and constants: in the image, what of it is the self-test, and in the archive."""
     own = {name: size for name, (size, kind) in symbols(archive).items() if kind in "tTwWrRvV"}
     linked = {name for name, (_, kind) in symbols(image).items() if kind in "tTwWrRvV"}
     writable = [name for name, (_, kind) in symbols(archive).items() if kind in "dDbBC"]
     if writable:
         die(f"{archive}: holds writable data: {', '.join(writable)}")
     return {
-        "library_text_bytes": sum(s for n, s in own.items() if n in linked),
+        "library_text_bytes": sum(s for n, s in own.items() if n in linked and not SELF_TEST.search(n)),
+        "self_test_text_bytes": sum(s for n, s in own.items() if n in linked and SELF_TEST.search(n)),
         "archive_text_bytes": sum(own.values()),
     }
 
@@ -142,7 +157,9 @@ def measure(build: Path, report: Path, model_source: Path) -> dict[str, float]:
     figures["library_strings_bytes"] = strings(build / "aminn_firmware.map")
     figures["model_flash_bytes"] = model_bytes(image, model_source.stem)
     figures |= {name: run[name] for name in RUN_FIGURES}
-    figures["stack_worst_bytes"] = CallGraph(build / "aminn_rt").depth(ENTRY)
+    calls = CallGraph(build / "aminn_rt")
+    figures["stack_worst_bytes"] = calls.depth(ENTRY)
+    figures["self_test_stack_bytes"] = calls.depth(SELF_TEST_ENTRY)
     figures["multiply_accumulates"] = macs
     figures["instructions_per_mac"] = round(run["instructions_per_prediction"] / macs, 3)
     return figures

@@ -182,6 +182,57 @@ static void a_flipped_bit_of_the_known_answer_is_found(void)
     FOUND(AMINN_OK);
 }
 
+/* CRC-32 of content that differs in one word: by how many bytes of the same follow, whatever they are */
+static uint32_t crc_difference(uint32_t before, uint32_t after, size_t bytes_behind)
+{
+    uint8_t *a = calloc(bytes_behind + 4, 1), *b = calloc(bytes_behind + 4, 1);
+    uint32_t difference;
+    memcpy(a, &before, 4);
+    memcpy(b, &after, 4);
+    difference = vector_crc(0, a, bytes_behind + 4) ^ vector_crc(0, b, bytes_behind + 4);
+    free(a);
+    free(b);
+    return difference;
+}
+
+/* as if the model had been exported with another answer: whole, and yet other bits */
+static void an_answer_that_is_not_the_librarys_is_found(void)
+{
+    static aminn_known_answer_t known;
+    const size_t n = sizeof known / 4, contact_flag = AMINN_N_JOINT + 2 * AMINN_N_WRENCH;
+    size_t i, b;
+    model.known_answer = &known;
+    for (i = AMINN_N_STATE; i < n; ++i) { /* each word of the output */
+        uint32_t before, after;
+        known = *aminn_model.known_answer;
+        memcpy(&before, (uint8_t *)&known + 4 * i, 4);
+        after = before ^ 1u;
+        memcpy((uint8_t *)&known + 4 * i, &after, 4);
+        model.content_crc = aminn_model.content_crc ^ crc_difference(before, after, 4 * (n - 1 - i));
+        FOUND(AMINN_E_KNOWN_ANSWER);
+    }
+    known = *aminn_model.known_answer; /* a state that is refused */
+    model.content_crc = aminn_model.content_crc;
+    for (b = 0; b < AMINN_N_BRANCH; ++b) {
+        const size_t word = contact_flag + AMINN_N_CONTACT_FEATURE * b;
+        model.content_crc ^= crc_difference(0x3F800000u, 0, 4 * (n - 1 - word));
+        known.state.contacts[b][0] = 0.0F;
+    }
+    FOUND(AMINN_E_KNOWN_ANSWER);
+}
+
+/* what both stages compute on the way counts too; the bytes behind its CRC-32 are those that docs/model-format.md names */
+static void intermediates_that_are_not_the_librarys_are_found(void)
+{
+    const uint32_t hc = model.contact_width, h = model.width, hd = model.classifier_width;
+    const uint32_t elements =
+        181 + 2 * (194 + 52 * hc + (hc + 27) * h + (h + 1) * h + 40 * h) + 31 + (h + 17) * hd + 93;
+    const uint32_t before = model.stages_crc, after = before ^ 0x80u;
+    model.stages_crc = after;
+    model.content_crc ^= crc_difference(before, after, 4 * 4 + 64 + 24 + 4 * (size_t)elements);
+    FOUND(AMINN_E_KNOWN_ANSWER);
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -198,5 +249,7 @@ int main(void)
     RUN_TEST(a_flipped_bit_of_a_float16_weight_is_found);
     RUN_TEST(a_flipped_bit_of_a_constant_is_found);
     RUN_TEST(a_flipped_bit_of_the_known_answer_is_found);
+    RUN_TEST(an_answer_that_is_not_the_librarys_is_found);
+    RUN_TEST(intermediates_that_are_not_the_librarys_are_found);
     return UNITY_END();
 }
