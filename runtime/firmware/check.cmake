@@ -45,11 +45,16 @@ firmware(0 "control_ticks" --control vectors.bin)
 set(CONTROL "${OUTPUT}")
 firmware(0 "samples" vectors.bin results.bin)
 string(REGEX REPLACE "firmware: " "" FIGURES "${SELF_TEST}\n${CONTROL}\n${OUTPUT}")
-execute_process(COMMAND ${COMPARE} ${MODEL} ${VECTORS} ${WORK}/results.bin
-  RESULT_VARIABLE RESULT OUTPUT_VARIABLE DIFFERENCES ERROR_VARIABLE COMPLAINT)
-if(NOT RESULT EQUAL 0)
-  message(FATAL_ERROR "${BOARD} against the reference:\n${DIFFERENCES}${COMPLAINT}")
-endif()
+# the bits that the host's library predicts, then the reference of the vector file
+set(DIFFERENCES "")
+foreach(HOW --exact "--show;10")
+  execute_process(COMMAND ${COMPARE} ${HOW} ${MODEL} ${VECTORS} ${WORK}/results.bin
+    RESULT_VARIABLE RESULT OUTPUT_VARIABLE FOUND ERROR_VARIABLE COMPLAINT)
+  if(NOT RESULT EQUAL 0)
+    message(FATAL_ERROR "${BOARD} against the host (aminn_compare ${HOW}):\n${FOUND}${COMPLAINT}")
+  endif()
+  string(APPEND DIFFERENCES "${FOUND}")
+endforeach()
 
 set(LINES "")
 string(REGEX MATCHALL "[a-z_0-9]+ [-+.e0-9]+" PAIRS "${FIGURES}\n${DIFFERENCES}")

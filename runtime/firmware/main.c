@@ -87,11 +87,7 @@ static int store(uint32_t n, uint32_t i, aminn_status_t status, uint32_t *crc)
     const uint32_t row_size = RESULT_N_OUT * 4u;
     const int32_t code = status;
     float row[RESULT_N_OUT];
-    row[0] = out.p_stable;
-    memcpy(row + 1, out.dx_ht, sizeof out.dx_ht);
-    memcpy(row + 7, out.k_x, sizeof out.k_x);
-    memcpy(row + 43, out.gate, sizeof out.gate);
-    row[46] = (float)out.stable;
+    result_row(&out, row);
     *crc = vector_crc(*crc, row, sizeof row);
     return semihost_seek(results_file, (uint32_t)sizeof(vector_header_t) + i * row_size) != 0 ||
            semihost_write(results_file, row, sizeof row) != 0 ||

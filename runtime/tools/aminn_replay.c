@@ -26,15 +26,6 @@
 #include AMINN_REPLAY_HEADER
 #endif
 
-static void store(const aminn_output_t *out, float *row)
-{
-    row[0] = out->p_stable;
-    memcpy(row + 1, out->dx_ht, sizeof out->dx_ht);
-    memcpy(row + 7, out->k_x, sizeof out->k_x);
-    memcpy(row + 43, out->gate, sizeof out->gate);
-    row[46] = (float)out->stable;
-}
-
 static double now_s(void)
 {
     struct timespec t;
@@ -59,7 +50,7 @@ static uint32_t predict_all(const aminn_model_t *model, const vector_header_t *v
         status = aminn_predict(&ctx, &in, &out);
         statuses[i] = status;
         refused += status != AMINN_OK;
-        store(&out, rows + (size_t)i * RESULT_N_OUT);
+        result_row(&out, rows + (size_t)i * RESULT_N_OUT);
     }
     return refused;
 }

@@ -11,6 +11,7 @@
 #define ALIGNMENT 64u /* of what a file's bytes begin at: a model's tables are laid out for it */
 
 const char *program_name = "aminn";
+int failure_status = 1;
 char partial_path[4096];
 
 /* Files stay in memory until the program ends; remembered here so that leak checkers know it. */
@@ -35,7 +36,22 @@ void die(const char *format, ...)
     if (partial_path[0] != '\0') {
         remove(partial_path);
     }
-    exit(1);
+    exit(failure_status);
+}
+
+uint32_t read_magic(const char *path)
+{
+    FILE *file = fopen(path, "rb");
+    uint32_t word = 0;
+    if (file == NULL) {
+        die("%s: %s", path, strerror(errno));
+    }
+    if (fread(&word, sizeof word, 1, file) != 1) {
+        word = 0;
+    }
+    fclose(file);
+    vector_swap(&word, 1);
+    return word;
 }
 
 void *read_file(const char *path, size_t *size)

@@ -1,12 +1,13 @@
-/* Reading whole files on a host, with a message and exit 1 on every failure. For the command line tools. */
+/* Reading whole files on a host, with a message and failure_status on every failure. For the command line tools. */
 #ifndef AMINN_HOST_FILE_H
 #define AMINN_HOST_FILE_H
 
 #include "aminn_rt.h"
 #include "vector_file.h"
 
-/* Set once by main: stands before every message. */
+/* Set once by main: stands before every message, and what die() ends the program with (1 unless set). */
 extern const char *program_name;
+extern int failure_status;
 /* Removed by die() when not empty: name of a half-written output. */
 extern char partial_path[4096];
 
@@ -14,6 +15,9 @@ extern char partial_path[4096];
 __attribute__((noreturn, format(printf, 1, 2)))
 #endif
 void die(const char *format, ...);
+
+/* The first word of a file, which says of what kind it is; 0 if it is shorter. */
+uint32_t read_magic(const char *path);
 
 /* Whole file in memory that malloc aligned, kept until the program ends; *size is set. */
 void *read_file(const char *path, size_t *size);

@@ -7,6 +7,9 @@
 
 #include <stddef.h>
 #include <stdint.h>
+#include <string.h>
+
+#include "aminn_rt.h"
 
 #define VECTOR_MAGIC 0x564E4D41u /* "AMNV" */
 #define RESULT_MAGIC 0x4F4E4D41u /* "AMNO" */
@@ -22,9 +25,19 @@ typedef struct vector_header {
     uint32_t n_in;
     uint32_t n_out;
     uint32_t has_f64;
-    uint32_t crc; /* CRC-32 of everything after the header */
-    uint32_t reserved;
+    uint32_t crc;   /* CRC-32 of everything after the header */
+    uint32_t model; /* of vectors: content_crc of the model that they are of, 0 if it is not known */
 } vector_header_t;
+
+/* Row of a result file. */
+static inline void result_row(const aminn_output_t *out, float row[RESULT_N_OUT])
+{
+    row[0] = out->p_stable;
+    memcpy(row + 1, out->dx_ht, sizeof out->dx_ht);
+    memcpy(row + 7, out->k_x, sizeof out->k_x);
+    memcpy(row + 43, out->gate, sizeof out->gate);
+    row[46] = (float)out->stable;
+}
 
 /* CRC-32 of more bytes: start with 0, feed the result back in. */
 static inline uint32_t vector_crc(uint32_t crc, const void *bytes, size_t n)

@@ -15,18 +15,38 @@ endfunction()
 
 run(0 samples ${REPLAY} ${MODEL} ${GOLDEN}/golden.bin ${WORK}/blob.bin)
 run(0 samples ${REPLAY_MODEL} ${GOLDEN}/golden.bin ${WORK}/compiled.bin)
-file(SHA256 ${WORK}/blob.bin BLOB)
-file(SHA256 ${WORK}/compiled.bin COMPILED)
-if(NOT BLOB STREQUAL COMPILED)
-  message(FATAL_ERROR "the compiled model and the blob give different results")
-endif()
+run(0 "different_words 0" ${COMPARE} ${WORK}/blob.bin ${WORK}/compiled.bin)
+run(0 "different_words 0" ${COMPARE} --exact ${MODEL} ${GOLDEN}/golden.bin ${WORK}/blob.bin)
 run(0 "decisions_different 0" ${COMPARE} ${MODEL} ${GOLDEN}/golden.bin ${WORK}/blob.bin)
 message(STATUS "${OUTPUT}")
+run(0 "decisions_different 0" ${COMPARE} ${WORK}/blob.bin ${MODEL} ${GOLDEN}/golden.bin) # in any order
 
-# differences and unusable files are told apart from agreement
+# differences: 1, and all of them are told
 run(0 samples ${REPLAY} ${MODEL} ${GOLDEN}/tiny_golden.bin ${WORK}/other.bin)
-run(1 "dx_ht of sample [0-9]+" ${COMPARE} ${MODEL} ${GOLDEN}/tiny_golden.bin ${WORK}/other.bin)
-run(1 "has [0-9]+ samples" ${COMPARE} ${MODEL} ${GOLDEN}/golden.bin ${WORK}/other.bin)
-run(1 "not a result file" ${COMPARE} ${MODEL} ${GOLDEN}/golden.bin ${GOLDEN}/golden.bin)
-run(1 "No such file" ${COMPARE} ${MODEL} ${GOLDEN}/golden.bin ${WORK}/none.bin)
+run(1 "of sample [0-9]+: got [^,]+, want [^,]+, limit .* numbers differ; the worst 10 stand above"
+  ${COMPARE} ${MODEL} ${GOLDEN}/tiny_golden.bin ${WORK}/other.bin)
+run(1 "samples: got 48, want 200" ${COMPARE} ${MODEL} ${GOLDEN}/golden.bin ${WORK}/other.bin)
+run(1 "samples: got 48, want 200" ${COMPARE} ${WORK}/blob.bin ${WORK}/other.bin)
+run(1 "numbers differ" ${COMPARE} --json ${WORK}/report.json --junit ${WORK}/report.xml
+  ${MODEL} ${GOLDEN}/tiny_golden.bin ${WORK}/other.bin)
+file(READ ${WORK}/report.json REPORT)
+string(JSON COUNT GET "${REPORT}" numbers_beyond_limit)
+string(JSON LISTED LENGTH "${REPORT}" failures)
+if(NOT COUNT EQUAL LISTED OR COUNT LESS 100)
+  message(FATAL_ERROR "${COUNT} numbers differ, ${LISTED} are listed")
+endif()
+file(READ ${WORK}/report.xml REPORT)
+if(NOT REPORT MATCHES "<testsuite name=\"aminn_compare\" tests=\"8\" failures=\"[1-5]\"")
+  message(FATAL_ERROR "not the JUnit file that was expected:\n${REPORT}")
+endif()
+
+# files that cannot be judged: 3; arguments: 2
+run(3 "No such file" ${COMPARE} ${MODEL} ${GOLDEN}/golden.bin ${WORK}/none.bin)
+run(3 "neither a model" ${COMPARE} ${WORK}/report.xml ${WORK}/blob.bin)
+execute_process(COMMAND head -c 5000 ${WORK}/blob.bin OUTPUT_FILE ${WORK}/short.bin)
+run(3 "truncated" ${COMPARE} ${WORK}/blob.bin ${WORK}/short.bin)
+run(3 "cannot write" ${COMPARE} --json ${WORK}/no/folder.json ${WORK}/blob.bin ${WORK}/blob.bin)
 run(2 "usage" ${COMPARE})
+run(2 "needed" ${COMPARE} ${MODEL} ${GOLDEN}/golden.bin)
+run(2 "unknown option" ${COMPARE} --fast ${WORK}/blob.bin ${WORK}/blob.bin)
+run(2 "one kind" ${COMPARE} ${WORK}/blob.bin ${WORK}/blob.bin ${WORK}/blob.bin)

@@ -41,6 +41,22 @@ class Messages(click.Command):
             raise click.ClickException("interrupted; the same command goes on where it stopped") from error
 
 
+class Unjudged(click.ClickException):
+    """What was to be judged cannot be; a difference ends with 1."""
+
+    exit_code = 3
+
+
+class Judges(Messages):
+    """A command that judges: exit code 1 says that something differs, 3 that it cannot tell."""
+
+    def invoke(self, ctx: click.Context) -> object:
+        try:
+            return click.Command.invoke(self, ctx)
+        except (AminnError, OSError) as error:
+            raise Unjudged(str(error)) from error
+
+
 class Commands(Messages, click.Group):
     """A group whose commands do so."""
 
@@ -50,7 +66,7 @@ class Commands(Messages, click.Group):
 def main() -> None:
     """Predict how a robot hand's grasp gives way under load.
 
-    Simulate, train, evaluate, explain, export, verify, report.
+    Simulate, train, evaluate, explain, export, verify, compare, report.
     """
 
 
@@ -233,7 +249,7 @@ def export(checkpoint: Path, data: Path, out: Path, prefix: str, name: str | Non
         click.echo(line)
 
 
-@main.command()
+@main.command(cls=Judges)
 @click.option("--export", "export_dir", type=EXISTING, required=True, help="Folder that `aminn export` wrote.")
 @click.option("--data", type=FILE_OR_FOLDER, required=True, help="Data set, or vector file, to replay.")
 @click.option(
@@ -242,34 +258,81 @@ def export(checkpoint: Path, data: Path, out: Path, prefix: str, name: str | Non
     type=EXISTING,
     default=Path("build/host"),
     show_default=True,
-    help="Compiled runtime.",
+    help="Compiled runtime: a build folder, or the prefix that it is installed with.",
 )
-@click.option("--samples", type=click.IntRange(1), default=1000, show_default=True, help="Replay at least so many.")
+@click.option(
+    "--samples",
+    type=click.IntRange(1),
+    default=None,
+    help="Replay at least so many of a data set  [default: its test split and others up to 1000, or all]",
+)
 @click.option("--firmware", is_flag=True, help="Also on the emulated Cortex-M7 (--target cortex_m7).")
 @click.option("--target", "targets", multiple=True, help="Also there; may be repeated: cortex_m4, aarch64_gcc_O2, ...")
 @click.option("--port", help="Also on a real board: the serial port or pipe that the firmware's protocol runs on.")
-@click.option("--json", "json_file", type=NEW_FILE, help="Write the differences here, as flat keys.")
+@click.option("--show", type=click.IntRange(0), default=3, show_default=True, help="Print so many numbers of a check.")
+@click.option("--json", "json_file", type=NEW_FILE, help="Write the figures here, and each number that differs.")
+@click.option("--junit", "junit_file", type=NEW_FILE, help="Write a test case for each check, for a build server.")
 def verify(
     export_dir: Path,
     data: Path,
     build_dir: Path,
-    samples: int,
+    samples: int | None,
     firmware: bool,
     targets: tuple[str, ...],
     port: str | None,
+    show: int,
     json_file: Path | None,
+    junit_file: Path | None,
 ) -> None:
-    """Replay a data set through ONNX Runtime and the compiled runtime; fail on a mismatch."""
-    from aminn_base.files import write_json
+    """Replay a data set through ONNX Runtime and the compiled runtime; fail on a mismatch.
+
+    Every output of every sample is judged: against ONNX Runtime within the limits of docs/export.md, and the runtime's
+    replays against one another bit by bit. Exit code 0: all the same; 1: something differs; 3: it cannot be told, since
+    a file is damaged or missing.
+    """
+    from aminn_export.verdict_report import write_junit, write_verdict
 
     from .pipeline import run_verify
 
-    report = run_verify(export_dir, data, build_dir, samples, firmware, targets=targets, port=port)
+    done = run_verify(export_dir, data, build_dir, samples, firmware, targets=targets, port=port, show=show)
     if json_file:
-        write_json(json_file, report)
+        write_verdict(json_file, done.report, done.failures)
         click.echo(f"differences: {json_file}")
-    if not report["ok"]:
-        raise click.ClickException("the runtime does not repeat ONNX Runtime")
+    if junit_file:
+        write_junit(junit_file, "aminn verify", done.cases)
+        click.echo(f"test cases: {junit_file}")
+    if not done.report["ok"]:
+        raise click.ClickException("the runtime does not repeat ONNX Runtime, or the files are not of one model")
+
+
+@main.command(cls=Judges)
+@click.argument("files", type=READABLE, nargs=-1, required=True)
+@click.option("--show", type=click.IntRange(0), default=10, show_default=True, help="Print so many numbers.")
+@click.option("--json", "json_file", type=NEW_FILE, help="Write the figures here, and each number that differs.")
+@click.option("--junit", "junit_file", type=NEW_FILE, help="Write a test case an output, for a build server.")
+def compare(files: tuple[Path, ...], show: int, json_file: Path | None, junit_file: Path | None) -> None:
+    """Compare results of a replay: WANT.bin GOT.bin, or MODEL.bin VECTORS.bin RESULTS.bin.
+
+    Two result files must have the same bits. Results of a vector file may differ from its reference by the limits of
+    docs/export.md. Files are told apart by what they hold. Exit code 0: the same; 1: something differs; 3: it cannot
+    be told, since a file is damaged or empty. `aminn_compare` does the same without Python.
+    """
+    from aminn_export.compare import compare_files
+    from aminn_export.verdict_report import Case, shown, write_junit, write_verdict
+
+    verdict = compare_files(files)
+    for name, value in verdict.figures.items():
+        click.echo(f"{name} {value:.3g}" if isinstance(value, float) else f"{name} {value}")
+    for line in shown(verdict.failures, show):
+        click.echo(line)
+    if json_file:
+        write_verdict(json_file, verdict.figures | {"ok": not verdict.failures}, verdict.failures)
+    if junit_file:
+        kinds = dict.fromkeys((*verdict.judged, *(f.kind for f in verdict.failures)))
+        cases = [Case(files[-1].name, kind, [f for f in verdict.failures if f.kind == kind]) for kind in kinds]
+        write_junit(junit_file, "aminn compare", cases)
+    if verdict.failures:
+        raise click.ClickException(f"{files[-1]}: {len(verdict.failures)} numbers differ")
 
 
 @main.command()

@@ -97,7 +97,7 @@ def main(build: Path, grasps: int, cases: int) -> None:
     differences: list[str] = []
     host = build / "host"
     replay = watch.run(
-        "verify", title, lambda: run_verify(exported, data, host, firmware=True, echo=differences.append)
+        "verify", title, lambda: run_verify(exported, data, host, firmware=True, echo=differences.append).report
     )
     page = reports / "demo.html"
     watch.run("report", "Write the report page", lambda: run_report(result, checkpoints, replay, page, reports))

@@ -21,6 +21,8 @@ from .evaluate import Evaluation, names_of, truth
 from .metrics import pose_size, reliability, signed_work
 
 if TYPE_CHECKING:
+    from aminn_export.verify import Verification
+
     from .grasp_picture import GraspPicture
 
 T = TypeVar("T")
@@ -60,20 +62,23 @@ def run_verify(
     exported: Path,
     data: Path,
     build: Path,
-    samples: int = 1000,
+    samples: int | None = None,
     firmware: bool = False,
     echo: Callable[[str], object] = click.echo,
     targets: tuple[str, ...] = (),
     port: str | None = None,
-) -> dict:
-    """Replay `data` through ONNX Runtime and the compiled runtime; flat figures, "ok" among them. `echo` prints.
+    show: int = 3,
+) -> Verification:
+    """Replay `data` through ONNX Runtime and the compiled runtime; flat figures and what differs. `echo` prints.
 
     `targets` are further machines of `aminn_export.targets`, `port` is a serial port or pipe with a board behind it.
     """
-    from aminn_export.verify import verify
+    from aminn_export.verify import run_verification, tell
 
     targets = (*targets, *(("cortex_m7",) if firmware else ()))
-    return verify(exported, data, build, min_samples=samples, on_targets=targets, port=port, echo=echo)
+    done = run_verification(exported, data, build, samples, targets, port)
+    tell(done, echo, show)
+    return done
 
 
 def _report_data(labels: dict, manifest: dict) -> dict[str, float | int | str]:

@@ -54,7 +54,7 @@ DIFFERENCES = (
     ("float64_dx_relative_max", "displacement against float64, relative, largest", "{:.1e}"),
     ("refused", "samples refused", "{:d}"),
     ("instructions_worst", "instructions a prediction, worst", "{:d}"),
-    ("stack_high_water_bytes", "stack, bytes", "{:d}"),
+    ("stack_predict_bytes", "stack of a prediction, bytes", "{:d}"),
 )
 TARGETS = {
     "host_bin": "host, aminn_model.bin",

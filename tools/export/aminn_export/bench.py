@@ -29,9 +29,10 @@ from aminn_base.files import write_json
 from .bin_model import BinModel, read_bin_model
 from .golden import GOLDEN_FILE
 from .onnx_model import IR_VERSION, ONNX_FILE, OPSET, build_onnx
+from .runtime_place import find_in, runtime_source
 from .targets import run
 from .vectors import N_IN
-from .verify import find_in, model_prefix, runtime_source
+from .verify import model_prefix
 
 ROUNDS = 1000
 MLP_OUTPUTS = 7  # p_stable and dx_ht

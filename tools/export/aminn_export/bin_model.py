@@ -30,7 +30,7 @@ from .layout import (
     tensor_name,
     tensor_order,
 )
-from .packing import BODY, DIMS, HEAD, MAGIC, N_OUTPUT_WORDS, pack, room
+from .packing import BODY, DIMS, HEAD, MAGIC, N_OUTPUT_WORDS, content_crc, pack, room
 from .tables import Exported
 
 
@@ -45,6 +45,11 @@ class BinModel:
 def bin_model_bytes(exported: Exported) -> bytes:
     """The blob. The same model gives the same bytes."""
     return pack(*answered(exported))
+
+
+def model_crc(exported: Exported) -> int:
+    """`aminn_model_t.content_crc`, by which vector files name a model."""
+    return content_crc(*answered(exported))
 
 
 def write_bin_model(exported: Exported, path: Path | str) -> None:

@@ -13,6 +13,7 @@ from aminn.dataset import Dataset
 from aminn.dims import INPUT_SHAPES, OUTPUT_SHAPES
 from aminn_base.errors import AminnError
 
+from .bin_model import model_crc
 from .reference import Reference
 from .tables import Exported
 from .vectors import write_vectors
@@ -88,5 +89,5 @@ def write_golden(exported: Exported, onnx_file: Path, dataset: Dataset, path: Pa
     inputs = inputs_of(dataset.take(spread(dataset.samples["stable"], n)))
     outputs = run_onnx(single_thread_session(onnx_file), inputs)
     exact = Reference(exported)(inputs)
-    write_vectors(path, inputs, outputs, {name: exact[name] for name in OUTPUT_SHAPES})
+    write_vectors(path, inputs, outputs, {name: exact[name] for name in OUTPUT_SHAPES}, model_crc(exported))
     return len(inputs["q"])

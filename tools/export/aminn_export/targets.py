@@ -16,6 +16,7 @@ from pathlib import Path
 from aminn_base.errors import AminnError
 
 from .firmware import BOARDS, build_firmware, run_firmware
+from .runtime_place import REPLAY_SOURCES
 
 RUNTIME = Path(__file__).resolve().parents[3] / "runtime"
 # As in runtime/CMakeLists.txt, without the warnings.
@@ -86,7 +87,7 @@ def build_hosted(target: Hosted, model_dir: Path, prefix: str, build_dir: Path) 
     jobs = [
         [target.cxx, "-std=c++17", *OPTIONS, *flags, *include, "-c", str(s)] for s in (RUNTIME / "src").glob("*.cpp")
     ]
-    c_sources = [model_dir / f"{prefix}.c", RUNTIME / "tools" / "aminn_replay.c", RUNTIME / "tools" / "host_file.c"]
+    c_sources = [model_dir / f"{prefix}.c", *(RUNTIME / "tools" / name for name in REPLAY_SOURCES)]
     jobs += [[target.compiler, "-std=c99", *flags, *model, *include, "-c", str(s)] for s in c_sources]
     objects = []
     for job in jobs:

@@ -40,6 +40,8 @@ class Vectors:
     """ONNX Runtime's outputs."""
     reference_f64: dict[str, NDArray[np.float64]] | None
     """The same in float64, if the file has them."""
+    model: int = 0
+    """content_crc of the model that they are of; 0 if the file does not say."""
 
 
 @dataclass(frozen=True)
@@ -47,10 +49,15 @@ class Results:
     """Contents of a result file."""
 
     outputs: dict[str, NDArray[np.float32]]
-    stable: NDArray[np.bool_]
-    """The runtime's decision."""
+    decision: NDArray[np.float32]
+    """The runtime's: 1 the grasp holds, 0 it does not; anything else is wrong."""
     status: NDArray[np.int32]
     """Its status code of each sample."""
+
+    @property
+    def stable(self) -> NDArray[np.bool_]:
+        """Whether the grasp holds."""
+        return self.decision == 1
 
 
 def pack(values: dict[str, NDArray], shapes: dict[str, tuple[int, ...]], dtype: str) -> NDArray:
@@ -81,8 +88,12 @@ def write_vectors(
     inputs: dict[str, NDArray],
     reference: dict[str, NDArray],
     reference_f64: dict[str, NDArray] | None = None,
+    model: int = 0,
 ) -> None:
-    """Write a vector file; names and shapes as in `aminn.dims`, float32 inputs and reference, optional float64."""
+    """Write a vector file; names and shapes as in `aminn.dims`, float32 inputs and reference, optional float64.
+
+    `model` is the content_crc of the model that the reference is of.
+    """
     x, y = pack(inputs, INPUT_SHAPES, "<f4"), pack(reference, OUTPUT_SHAPES, "<f4")
     payload = x.tobytes() + y.tobytes()
     if len(x) != len(y):
@@ -93,16 +104,22 @@ def write_vectors(
             raise AminnError(f"vectors: {len(x)} inputs but {len(z)} float64 outputs")
         payload += z.tobytes()
     has_f64 = int(reference_f64 is not None)
-    header = _HEADER.pack(VECTOR_MAGIC, VERSION, len(x), N_IN, N_OUT, has_f64, zlib.crc32(payload), 0)
+    header = _HEADER.pack(VECTOR_MAGIC, VERSION, len(x), N_IN, N_OUT, has_f64, zlib.crc32(payload), model)
     write_atomically(Path(path), header + payload)
 
 
-def _open(path: Path, magic: int, kind: str, n_in: int, n_out: int) -> tuple[bytes, int, bool]:
-    """(payload, n, has_f64) of a checked file."""
+def magic_of(path: Path) -> int:
+    """The first word of a file, which says of what kind it is; 0 if it is shorter."""
+    with path.open("rb") as file:
+        return int.from_bytes(file.read(4).ljust(4, b"\0"), "little")
+
+
+def _open(path: Path, magic: int, kind: str, n_in: int, n_out: int) -> tuple[bytes, int, bool, int]:
+    """(payload, n, has_f64, model) of a checked file."""
     blob = path.read_bytes()
     if len(blob) < _HEADER.size:
         raise AminnError(f"{path}: truncated: {len(blob)} bytes, a {kind} file has at least {_HEADER.size}")
-    found, version, n, file_in, file_out, has_f64, crc, _ = _HEADER.unpack_from(blob)
+    found, version, n, file_in, file_out, has_f64, crc, model = _HEADER.unpack_from(blob)
     payload = blob[_HEADER.size :]
     if found != magic:
         raise AminnError(f"{path}: not a {kind} file (wrong magic)")
@@ -112,13 +129,13 @@ def _open(path: Path, magic: int, kind: str, n_in: int, n_out: int) -> tuple[byt
         raise AminnError(f"{path}: {file_in} inputs and {file_out} outputs a sample, expected {n_in} and {n_out}")
     if zlib.crc32(payload) != crc:
         raise AminnError(f"{path}: damaged: its CRC-32 does not match")
-    return payload, n, bool(has_f64)
+    return payload, n, bool(has_f64), model
 
 
 def read_vectors(path: Path | str) -> Vectors:
     """Read a vector file. Raises AminnError on a damaged one, OSError if it cannot be read."""
     path = Path(path)
-    payload, n, has_f64 = _open(path, VECTOR_MAGIC, "vector", N_IN, N_OUT)
+    payload, n, has_f64, model = _open(path, VECTOR_MAGIC, "vector", N_IN, N_OUT)
     if len(payload) != n * (4 * (N_IN + N_OUT) + 8 * N_OUT * has_f64):
         raise AminnError(f"{path}: {len(payload)} bytes do not fit {n} samples")
     x = np.frombuffer(payload, "<f4", n * N_IN).reshape(n, N_IN)
@@ -126,18 +143,19 @@ def read_vectors(path: Path | str) -> Vectors:
     z = None
     if has_f64:
         z = np.frombuffer(payload, "<f8", n * N_OUT, 4 * n * (N_IN + N_OUT)).reshape(n, N_OUT)
-    return Vectors(unpack(x, INPUT_SHAPES), unpack(y, OUTPUT_SHAPES), None if z is None else unpack(z, OUTPUT_SHAPES))
+    exact = None if z is None else unpack(z, OUTPUT_SHAPES)
+    return Vectors(unpack(x, INPUT_SHAPES), unpack(y, OUTPUT_SHAPES), exact, model)
 
 
 def read_results(path: Path | str) -> Results:
     """Read what a replay wrote. Raises AminnError on a damaged file, OSError if it cannot be read."""
     path = Path(path)
-    payload, n, _ = _open(path, RESULT_MAGIC, "result", 0, N_OUT + 1)
+    payload, n, _, _ = _open(path, RESULT_MAGIC, "result", 0, N_OUT + 1)
     if len(payload) != n * 4 * (N_OUT + 2):
         raise AminnError(f"{path}: {len(payload)} bytes do not fit {n} samples")
     rows = np.frombuffer(payload, "<f4", n * (N_OUT + 1)).reshape(n, N_OUT + 1)
     status = np.frombuffer(payload, "<i4", n, 4 * n * (N_OUT + 1))
-    return Results(unpack(rows[:, :N_OUT], OUTPUT_SHAPES), rows[:, N_OUT] == 1, status)
+    return Results(unpack(rows[:, :N_OUT], OUTPUT_SHAPES), np.ascontiguousarray(rows[:, N_OUT]), status)
 
 
 def write_results(path: Path | str, rows: NDArray[np.float32], status: NDArray[np.int32]) -> None:

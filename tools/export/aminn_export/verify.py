@@ -1,13 +1,14 @@
 """`aminn verify`: replays samples through ONNX Runtime and the compiled runtime, and fails on a difference.
 
 What is compared is what ships: `aminn.onnx`, `aminn_model.bin` in the host's `aminn_replay`, `aminn_model.c` compiled
-and linked with `libaminn_rt.a`, and on request the same model in a Cortex-M7 image under qemu. A float64 evaluation of
-the model's own tables says how far each of them is from exact arithmetic.
+and linked with `libaminn_rt.a`, and on request the same model in a Cortex-M7 image under qemu. The results are held
+against ONNX Runtime's within `tolerances`, and against one another bit by bit, which is what the runtime promises. That
+the files of the export are of one model is seen in the files themselves. A float64 evaluation of the model's own tables
+says how far each of them is from exact arithmetic.
 """
 
 from __future__ import annotations
 
-import re
 import subprocess
 import tempfile
 from collections.abc import Callable, Sequence
@@ -30,21 +31,24 @@ from aminn_base.files import write_atomically
 from . import serial_protocol, targets
 from .bin_model import BinModel, read_bin_model
 from .golden import GOLDEN_FILE, inputs_of, run_onnx, single_thread_session
+from .identity import misfits
+from .judge import Failure, Verdict, compare_bits, compare_within, worst_first
 from .onnx_model import DEBUG_FILE, ONNX_FILE, build_onnx
 from .reference import Reference
+from .runtime_place import REPLAY_SOURCES, RuntimePlace, find_runtime
 from .vectors import Results, read_results, read_vectors, write_vectors
+from .verdict_report import Case, shown
 
 Array = NDArray[np.float64]
 Report = dict[str, float | int | bool | str]
 
-# What a displacement may differ by: a share of its own norm, which grows with the conditioning of K_x, and a floor.
-RELATIVE_LIMIT, CONDITION_LIMIT, FLOOR_M = 1e-4, 1e-7, 1e-9
-MEDIAN_LIMIT = 2e-6
-P_STABLE_LIMIT = 1e-5
-# Not what the model is for, but a wrong one must not pass: the gates, and K_x relative to its largest entry.
-GATE_LIMIT, K_X_LIMIT = 1e-2, 1e-3
-# Golden vectors against the model beside them, relative to an output's largest entry: rounding of another processor.
-GOLDEN_LIMIT = 1e-5
+SAMPLES = 1000
+"""Of a data set, unless more or fewer are asked for: the test split, and others until there are so many."""
+FEW_SAMPLES = 100
+SHOWN = 3
+"""Numbers of a check that are told."""
+BITS_OF = "host_bin"
+"""Whose bits the other replays must have."""
 TITLES = {
     "host_bin": "host, .bin",
     "host_c": "host, .c",
@@ -76,27 +80,33 @@ class Exact:
     condition: Array
     """Of K_x with lengths divided by 0.1 m (n)."""
     tau: np.float32
+    length: float
+    """length_scale, m."""
 
 
 # --- samples --------------------------------------------------------------------------------------------------------
-def samples_of_dataset(dataset: Dataset, min_samples: int) -> Samples:
-    """The test split first, then validation and training samples until there are `min_samples`."""
+def samples_of_dataset(dataset: Dataset, min_samples: int | None = None) -> Samples:
+    """The test split first, then validation and training samples until there are `min_samples` (SAMPLES, or all)."""
     split = split_of(dataset.samples["grasp_id"])
     parts = [np.flatnonzero(split == SPLITS.index(name)) for name in ("test", "validation", "train")]
     order = np.concatenate(parts)
-    if len(order) < min_samples:
+    if min_samples is not None and len(order) < min_samples:
         asked = f"the data set has {len(order)} samples, {min_samples} are asked for"
         raise AminnError(f"verify: {asked}; simulate more, or ask for fewer with --samples")
-    index = order[: max(min_samples, len(parts[0]))]
+    index = order[: max(min_samples or SAMPLES, len(parts[0]))]
     grasp = dataset.samples["grasp_id"][index]
     return Samples(inputs_of(dataset.take(index)), lambda i: f"grasp {grasp[i]}, sample {index[i]} of the data set")
 
 
-def load_samples(source: Path, min_samples: int) -> Samples:
-    """Samples of a data set (a folder) or of a vector file."""
+def load_samples(source: Path, min_samples: int | None = None) -> Samples:
+    """Samples of a data set (a folder) or of a vector file. Raises AminnError where there is none."""
     if source.is_dir():
-        return samples_of_dataset(load_dataset(source), min_samples)
-    return Samples(read_vectors(source).inputs, lambda i: f"sample {i} of {source.name}")
+        samples = samples_of_dataset(load_dataset(source), min_samples)
+    else:
+        samples = Samples(read_vectors(source).inputs, lambda i: f"sample {i} of {source.name}")
+    if not len(samples.inputs["q"]):
+        raise AminnError(f"{source}: holds no sample: there is nothing to verify")
+    return samples
 
 
 # --- replays --------------------------------------------------------------------------------------------------------
@@ -106,31 +116,6 @@ def run_program(command: Sequence[str | Path], what: str) -> str:
     if done.returncode:
         raise AminnError(f"{what} failed with exit code {done.returncode}: {(done.stderr or done.stdout).strip()}")
     return done.stdout
-
-
-def find_in(build_dir: Path, name: str) -> Path:
-    """The file of this name below a build folder."""
-    found = sorted(build_dir.rglob(name))
-    if not found:
-        raise AminnError(f"{build_dir}: no {name} there; build the C runtime first (`make` targets do)")
-    return found[0]
-
-
-def cmake_cache(build_dir: Path) -> dict[str, str]:
-    """The variables of a CMake build folder."""
-    file = build_dir / "CMakeCache.txt"
-    if not file.is_file():
-        raise AminnError(f"{build_dir}: no CMakeCache.txt; this is not a build folder of the C runtime")
-    return dict(re.findall(r"^(\w+):\w+=(.*)$", file.read_text(), re.MULTILINE))
-
-
-def runtime_source(build_dir: Path) -> Path:
-    """The runtime's source folder, from the build folder of the tree or of the runtime alone."""
-    home = Path(cmake_cache(build_dir)["CMAKE_HOME_DIRECTORY"])
-    for folder in (home / "runtime", home):
-        if (folder / "include" / "aminn_rt.h").is_file():
-            return folder
-    raise AminnError(f"{build_dir}: its source folder {home} has no runtime/include/aminn_rt.h")
 
 
 def model_prefix(export_dir: Path) -> str:
@@ -150,27 +135,25 @@ def onnx_session(model_dir: Path, prefix: str) -> ort.InferenceSession:
     return single_thread_session(build_onnx(read_bin_model(model_dir / f"{prefix}.bin")).SerializeToString())
 
 
-def compile_fixed_replay(export_dir: Path, build_dir: Path, program: Path) -> None:
+def compile_fixed_replay(export_dir: Path, place: RuntimePlace, program: Path) -> None:
     """Compile the exported C model and the replay program into one executable."""
-    source, prefix = runtime_source(build_dir), model_prefix(export_dir)
-    compiler = cmake_cache(build_dir).get("CMAKE_C_COMPILER", "cc")
-    command = [compiler, "-std=c99", "-O2", "-Wall", "-Wextra", "-Werror"]
+    prefix = model_prefix(export_dir)
+    command = [place.compiler, "-std=c99", "-O2", "-Wall", "-Wextra", "-Werror"]
     command += [f'-DAMINN_REPLAY_HEADER="{prefix}.h"', f"-DAMINN_REPLAY_MODEL={prefix}"]
-    command += [f"-I{source / 'include'}", f"-I{export_dir}"]
-    command += [str(source / "tools" / name) for name in ("aminn_replay.c", "host_file.c")]
-    command += [str(export_dir / f"{prefix}.c"), str(find_in(build_dir, "libaminn_rt.a")), "-lm", "-o", str(program)]
+    command += [f"-I{place.include}", f"-I{export_dir}", *(str(place.sources / name) for name in REPLAY_SOURCES)]
+    command += [str(export_dir / f"{prefix}.c"), str(place.library), "-lm", "-o", str(program)]
     run_program(command, "compiling the C model")
 
 
-def _replay_bin(export_dir: Path, build_dir: Path, vectors: Path, out: Path) -> Report:
+def _replay_bin(export_dir: Path, place: RuntimePlace, vectors: Path, out: Path) -> Report:
     model = export_dir / f"{model_prefix(export_dir)}.bin"
-    run_program([find_in(build_dir, "aminn_replay"), model, vectors, out], "aminn_replay")
+    run_program([place.replay, model, vectors, out], "aminn_replay")
     return {}
 
 
-def _replay_c(export_dir: Path, build_dir: Path, vectors: Path, out: Path) -> Report:
+def _replay_c(export_dir: Path, place: RuntimePlace, vectors: Path, out: Path) -> Report:
     program = vectors.with_name("replay_c")
-    compile_fixed_replay(export_dir, build_dir, program)
+    compile_fixed_replay(export_dir, place, program)
     run_program([program, vectors, out], "the compiled model")
     return {}
 
@@ -181,13 +164,14 @@ def _replay_target(name: str, export_dir: Path, vectors: Path, out: Path) -> Rep
         name, export_dir, model_prefix(export_dir), vectors, vectors.with_name(f"on-{name}")
     )
     write_atomically(out, results.read_bytes())
-    return {key: value for key, value in figures.items() if key not in ("samples", "refused")}
+    own: Report = {key: value for key, value in figures.items() if key not in ("samples", "refused")}
+    return own
 
 
 def _replay_board(port: str, vectors: Path, out: Path) -> Report:
     """Replay on a real board over its serial protocol."""
     with serial_protocol.open_port(port) as stream:
-        return serial_protocol.replay(stream, read_vectors(vectors).inputs, out)
+        return dict(serial_protocol.replay(stream, read_vectors(vectors).inputs, out))
 
 
 # --- comparison -----------------------------------------------------------------------------------------------------
@@ -200,18 +184,6 @@ def scaled_condition(k_x: Array) -> Array:
     """Condition number (n) of stiffness matrices with lengths divided by 0.1 m."""
     s = np.array([1.0] * 3 + [1 / LENGTH_M] * 3)
     return np.linalg.cond(k_x * s[:, None] * s)
-
-
-def limits(dx: NDArray, condition: Array) -> Array:
-    """How far (m) each displacement may be from dx (n, 6)."""
-    return np.maximum(RELATIVE_LIMIT, CONDITION_LIMIT * condition) * scaled_norm(dx) + FLOOR_M
-
-
-def _relative(values: NDArray, reference: NDArray) -> Array:
-    """Largest difference over the reference's largest entry, sample by sample."""
-    n = len(values)
-    a, b = (np.asarray(v, np.float64).reshape(n, -1) for v in (values, reference))
-    return np.abs(a - b).max(1) / np.abs(b).max(1)
 
 
 def _largest(values: Array) -> float:
@@ -234,62 +206,15 @@ def dx_figures(dx: NDArray, reference: NDArray) -> Report:
     }
 
 
-def differences(results: Results, exact: Exact) -> dict[str, Array]:
-    """Difference of each output from ONNX Runtime's, sample by sample (n); NaN where the runtime refused."""
-    out, onnx = results.outputs, exact.onnx
-    dx = np.asarray(out["dx_ht"], np.float64) - onnx["dx_ht"]
-    return {
-        "dx_ht": scaled_norm(dx),
-        "p_stable": np.abs(out["p_stable"].astype(np.float64) - onnx["p_stable"]),
-        "stable": (results.stable != (onnx["p_stable"] >= exact.tau)).astype(float),
-        "k_x": _relative(out["k_x"], onnx["k_x"]),
-        "gate": np.abs(out["gate"].astype(np.float64) - onnx["gate"]).max(1),
-    }
-
-
-def compare(results: Results, exact: Exact) -> tuple[Report, dict[str, Array]]:
-    """Figures over the samples that a replay accepted, and each output's share of its limit (n): above 1 fails."""
+def compare(target: str, results: Results, exact: Exact, names: Callable[[int], str]) -> Verdict:
+    """A replay's results against ONNX Runtime's, with figures on how far they are from float64."""
+    verdict = compare_within(results, exact.onnx, float(exact.tau), exact.length, target, names)
     accepted = results.status == 0
-    d = differences(results, exact)
-    limit: dict[str, Array | float] = {
-        "dx_ht": limits(exact.onnx["dx_ht"], exact.condition),
-        "p_stable": P_STABLE_LIMIT,
-        "stable": 0.5,
-        "k_x": K_X_LIMIT,
-        "gate": GATE_LIMIT,
-    }
-    shares = {name: np.where(accepted, value / limit[name], 0.0) for name, value in d.items()}
-    shares["refused"] = np.where(accepted, 0.0, 2.0)
-    dx = results.outputs["dx_ht"][accepted]
-    float64 = dx_figures(dx, exact.float64["dx_ht"][accepted])
-    figures = dx_figures(dx, exact.onnx["dx_ht"][accepted]) | {
-        "dx_share_of_limit_max": _largest(shares["dx_ht"]),
-        "p_stable_abs_max": _largest(d["p_stable"][accepted]),
-        "decisions_different": int(d["stable"][accepted].sum()),
-        "k_x_relative_max": _largest(d["k_x"][accepted]),
-        "gate_abs_max": _largest(d["gate"][accepted]),
-        "float64_dx_relative_median": float64["dx_relative_median"],
-        "float64_dx_relative_max": float64["dx_relative_max"],
-        "refused": int((~accepted).sum()),
-    }
-    return figures, shares
-
-
-def failures(target: str, figures: Report, shares: dict[str, Array], samples: Samples) -> list[str]:
-    """A line for each criterion that is not met, with the worst sample."""
-    lines = []
-    for output, share in shares.items():
-        bad = ~(share <= 1)  # NaN fails too
-        if bad.any():
-            worst = int(np.argmax(np.where(np.isnan(share), np.inf, share)))
-            what = {"refused": "refused by the runtime", "stable": "another decision"}.get(
-                output, f"{share[worst]:.3g} times its limit"
-            )
-            lines.append(f"{target}: {output}: {int(bad.sum())} samples differ; worst: {samples.names(worst)}: {what}")
-    median = float(figures["dx_relative_median"])
-    if not median < MEDIAN_LIMIT:
-        lines.append(f"{target}: dx_ht: median relative difference {median:.3g}, the limit is {MEDIAN_LIMIT:g}")
-    return lines
+    dx = dx_figures(results.outputs["dx_ht"][accepted], exact.onnx["dx_ht"][accepted])
+    float64 = dx_figures(results.outputs["dx_ht"][accepted], exact.float64["dx_ht"][accepted])
+    own = {f"float64_{key}": float64[key] for key in ("dx_relative_median", "dx_relative_max")}
+    figures = {k: v for k, v in verdict.figures.items() if k != "samples"} | dx | own
+    return Verdict(figures, verdict.failures, verdict.judged)
 
 
 def evaluate_exact(export_dir: Path, model: BinModel, inputs: dict[str, NDArray]) -> Exact:
@@ -303,7 +228,7 @@ def evaluate_exact(export_dir: Path, model: BinModel, inputs: dict[str, NDArray]
             raise AminnError(f"{file}: {name} is not finite for some samples; the model or the samples are damaged")
     float64 = Reference(model)(inputs)
     exact = {name: float64[name] for name in OUTPUT_SHAPES}
-    return Exact(onnx, exact, scaled_condition(exact["k_x"]), np.float32(model.meta["tau"]))
+    return Exact(onnx, exact, scaled_condition(exact["k_x"]), np.float32(model.meta["tau"]), model.meta["length_scale"])
 
 
 def _onnx_figures(exact: Exact) -> Report:
@@ -318,20 +243,36 @@ def _onnx_figures(exact: Exact) -> Report:
     }
 
 
-def check_files(export_dir: Path) -> list[str]:
-    """What is wrong with the golden vectors and the debug model beside the model, if they are there."""
-    golden, debug = export_dir / GOLDEN_FILE, export_dir / DEBUG_FILE
+def _as_results(outputs: dict[str, NDArray], tau: float) -> Results:
+    """Outputs of anything but the runtime, in the form of its results."""
+    single = {name: np.asarray(outputs[name], np.float32) for name in OUTPUT_SHAPES}
+    decision = (single["p_stable"] >= np.float32(tau)).astype(np.float32)
+    return Results(single, decision, np.zeros(len(decision), np.int32))
+
+
+def check_golden(export_dir: Path, model: BinModel) -> list[str]:
+    """What is wrong with the golden vectors beside the model, if they are there.
+
+    Their reference is held against both ONNX models, which compute in other last places on another processor, and their
+    float64 against a float64 evaluation.
+    """
+    golden, tau, length = export_dir / GOLDEN_FILE, model.meta["tau"], model.meta["length_scale"]
     if not golden.is_file():
         return []
     vectors = read_vectors(golden)  # refuses a file whose CRC-32 is wrong
     inputs = {name: vectors.inputs[name] for name in INPUT_SHAPES}
-    wrong = []
-    for file in (export_dir / ONNX_FILE, debug):
-        out = run_onnx(single_thread_session(file), inputs) if file.is_file() else vectors.reference
-        for name, reference in vectors.reference.items():
-            if not np.abs(out[name] - reference).max() <= GOLDEN_LIMIT * np.abs(reference).max():
-                wrong.append(f"{file.name}: {name} is not what {golden.name} holds")
-    return wrong
+    sources = {file: run_onnx(single_thread_session(export_dir / file), inputs) for file in (ONNX_FILE, DEBUG_FILE)
+               if (export_dir / file).is_file()}  # fmt: skip
+    pairs = [(file, _as_results(out, tau), vectors.reference) for file, out in sources.items()]
+    if vectors.reference_f64 is not None:
+        exact = {name: np.asarray(value, np.float32) for name, value in Reference(model)(inputs).items()}
+        pairs.append(("a float64 evaluation", _as_results(vectors.reference_f64, tau), exact))
+    lines = []
+    for name, results, reference in pairs:
+        failures = compare_within(results, reference, tau, length, symmetric=False).failures
+        if failures:
+            lines.append(f"{golden.name} is not what {name} gives: {len(failures)} numbers differ; {failures[0]}")
+    return lines
 
 
 # --- the command ----------------------------------------------------------------------------------------------------
@@ -339,6 +280,9 @@ ROWS = (
     ("dx_relative_max", "dx_ht, relative, largest", "{:.2e}"),
     ("dx_relative_median", "dx_ht, relative, median", "{:.2e}"),
     ("dx_share_of_limit_max", "dx_ht, share of its limit", "{:.3f}"),
+    ("p_stable_share_of_limit_max", "p_stable, share of its limit", "{:.3f}"),
+    ("k_x_share_of_limit_max", "k_x, share of its limit", "{:.3f}"),
+    ("gate_share_of_limit_max", "gate, share of its limit", "{:.3f}"),
     ("dx_abs_max_m", "dx_ht, m", "{:.2e}"),
     ("p_stable_abs_max", "p_stable", "{:.2e}"),
     ("k_x_relative_max", "k_x, relative", "{:.2e}"),
@@ -346,7 +290,8 @@ ROWS = (
     ("decisions_different", "other decisions", "{:d}"),
     ("refused", "refused", "{:d}"),
     ("instructions_worst", "instructions, worst", "{:d}"),
-    ("stack_high_water_bytes", "stack, bytes", "{:d}"),
+    ("different_words", "words that differ from host, .bin", "{:d}"),
+    ("stack_predict_bytes", "stack of a prediction, bytes", "{:d}"),
     ("float64_dx_relative_median", "dx_ht against float64, median", "{:.2e}"),
     ("float64_dx_relative_max", "dx_ht against float64, largest", "{:.2e}"),
 )
@@ -366,46 +311,102 @@ def format_report(report: Report) -> str:
     return "\n".join(align_columns(rows))
 
 
-def verify(
+@dataclass(frozen=True)
+class Verification:
+    """What was found."""
+
+    report: Report
+    """Flat figures; "ok" tells whether everything held, "failures" says in short what did not."""
+    failures: list[Failure]
+    """Every number that differs, worst first."""
+    cases: list[Case]
+    """What was checked, with what is wrong."""
+
+
+def _cases(target: str, verdict: Verdict, what: str) -> list[Case]:
+    """A test case an output."""
+    return [
+        Case(title(target), f"{kind}, {what}", [f for f in verdict.failures if f.kind == kind])
+        for kind in dict.fromkeys((*verdict.judged, *(f.kind for f in verdict.failures)))
+    ]
+
+
+def run_verification(
     export_dir: Path,
     source: Path,
     build_dir: Path,
-    min_samples: int = 1000,
+    min_samples: int | None = None,
     on_targets: tuple[str, ...] = (),
     port: str | None = None,
-    echo: Callable[[str], object] = click.echo,
-) -> Report:
-    """Replay `source` (data set folder or vector file) through the models of `export_dir`; returns flat figures.
+) -> Verification:
+    """Replay `source` (data set folder or vector file) through the models of `export_dir`.
 
-    `build_dir` holds the compiled runtime; `on_targets` are names of `targets.TARGETS` to replay on as well, `port` is
-    the serial port (or socket or pipe) of a board that runs the firmware's serial protocol. "ok" tells whether every
-    sample met every criterion; "failures" says which did not. Raises AminnError where something cannot be run at all.
+    `build_dir` is a build folder of the runtime, or the prefix that it is installed with; `on_targets` are names of
+    `targets.TARGETS` to replay on as well, `port` is the serial port (or socket or pipe) of a board that runs the
+    firmware's serial protocol. Raises AminnError where something cannot be run at all.
     """
-    model = read_bin_model(export_dir / f"{model_prefix(export_dir)}.bin")
+    prefix = model_prefix(export_dir)
+    model, place = read_bin_model(export_dir / f"{prefix}.bin"), find_runtime(build_dir)
     samples = load_samples(source, min_samples)
     exact = evaluate_exact(export_dir, model, samples.inputs)
     report: Report = {"samples": len(samples.inputs["q"])} | _onnx_figures(exact)
     replays: dict[str, Callable[[Path, Path], Report]] = {
-        "host_bin": lambda vectors, out: _replay_bin(export_dir, build_dir, vectors, out),
-        "host_c": lambda vectors, out: _replay_c(export_dir, build_dir, vectors, out),
+        "host_bin": lambda vectors, out: _replay_bin(export_dir, place, vectors, out),
+        "host_c": lambda vectors, out: _replay_c(export_dir, place, vectors, out),
     }
     replays |= {name: partial(_replay_target, name, export_dir) for name in dict.fromkeys(on_targets)}
     if port is not None:
         replays["board"] = partial(_replay_board, port)
-    wrong = check_files(export_dir)
+    cases = [
+        Case("files", "one model in all files", misfits(export_dir, prefix, model)),
+        Case("files", "golden vectors", check_golden(export_dir, model)),
+    ]
+    failures: list[Failure] = []
+    results: dict[str, Results] = {}
     with tempfile.TemporaryDirectory(prefix="aminn-verify-") as folder:
         vectors = Path(folder) / "vectors.bin"
         write_vectors(vectors, {name: samples.inputs[name] for name in INPUT_SHAPES}, exact.onnx)
         for target, replay in replays.items():
             out = Path(folder) / f"{target}.bin"
             own_figures = replay(vectors, out)
-            figures, shares = compare(read_results(out), exact)
-            figures |= own_figures
+            results[target] = read_results(out)
+            verdict = compare(target, results[target], exact, samples.names)
+            cases += _cases(target, verdict, "against ONNX Runtime")
+            failures += verdict.failures
+            figures = verdict.figures | own_figures
+            if target != BITS_OF:
+                bits = compare_bits(results[target], results[BITS_OF], target, samples.names)
+                cases += _cases(target, bits, f"bits of {title(BITS_OF)}")
+                failures += bits.failures
+                figures["different_words"] = bits.figures.get("different_words", -1)
             report |= {f"{target}_{key}": value for key, value in figures.items()}
-            wrong += failures(title(target), figures, shares, samples)
-    report |= {"ok": not wrong, "failures": "; ".join(wrong)}
-    echo(f"{report['samples']} samples, {report['predicted_stable_share']:.1%} predicted stable")
-    echo(format_report(report))
-    for line in wrong:
-        echo(line)
-    return report
+    wrong = [f"{case.group}: {line}" for case in cases for line in shown(case.failures, SHOWN)]
+    report |= {"ok": not wrong, "failures": "; ".join(wrong), "numbers_different": len(failures)}
+    return Verification(report, worst_first(failures), cases)
+
+
+def tell(done: Verification, echo: Callable[[str], object] = click.echo, show: int = SHOWN) -> None:
+    """The table, and of each check that fails the `show` worst numbers."""
+    n = int(done.report["samples"])
+    if n < FEW_SAMPLES:
+        echo(f"warning: {n} samples alone; a fault that few states show may stay unseen")
+    echo(f"{n} samples, {done.report['predicted_stable_share']:.1%} predicted stable")
+    echo(format_report(done.report))
+    for case in done.cases:
+        for line in shown(case.failures, show):
+            echo(f"{case.group}: {line}")
+
+
+def verify(
+    export_dir: Path,
+    source: Path,
+    build_dir: Path,
+    min_samples: int | None = None,
+    on_targets: tuple[str, ...] = (),
+    port: str | None = None,
+    echo: Callable[[str], object] = click.echo,
+) -> Report:
+    """`run_verification`, told with `echo`; returns the flat figures alone."""
+    done = run_verification(export_dir, source, build_dir, min_samples, on_targets, port)
+    tell(done, echo)
+    return done.report
