@@ -56,7 +56,7 @@ static void print_failure(FILE *file, const failure_t *f)
     if (f->output == SAMPLES) {
         fprintf(file, "samples: got %.0f, want %.0f", f->got, f->want);
     } else if (f->output == MODEL) {
-        fprintf(file, "model: the reference is of the model with content_crc %08" PRIx32 ", this one has %08" PRIx32,
+        fprintf(file, "model: the reference is of content_crc %08" PRIx32 ", this model has %08" PRIx32,
                 (uint32_t)f->want, (uint32_t)f->got);
     } else if (f->sample < 0) {
         fprintf(file, "%s: median of difference over limit %.3g, limit %.3g", name, f->got, f->limit);

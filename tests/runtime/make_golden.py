@@ -12,7 +12,7 @@ from pathlib import Path
 from runtime_models import random_inputs, random_model
 
 from aminn.dims import OUTPUT_SHAPES
-from aminn_export.bin_model import write_bin_model
+from aminn_export.bin_model import model_crc, write_bin_model
 from aminn_export.c_model import write_c_model
 from aminn_export.reference import Reference
 from aminn_export.tables import Exported
@@ -27,7 +27,7 @@ def write_golden(model: Exported, path: Path, n: int, seed: int) -> None:
     inputs = random_inputs(n, seed)
     out = Reference(model)(inputs)
     reference = {name: out[name] for name in OUTPUT_SHAPES}
-    write_vectors(path, inputs, reference, reference)
+    write_vectors(path, inputs, reference, reference, model_crc(model))
 
 
 def main() -> None:

@@ -97,6 +97,6 @@ def misfits(export_dir: Path, prefix: str, model: BinModel) -> list[str]:
     crc = read_vectors(golden).model if golden.is_file() else 0
     if crc and crc != model_crc(model):
         lines.append(
-            f"{GOLDEN_FILE} is of another model than {prefix}.bin: CRC-32 {crc:08x}, not {model_crc(model):08x}"
+            f"{GOLDEN_FILE} is of another model than {prefix}.bin: content_crc {crc:08x}, not {model_crc(model):08x}"
         )
     return lines

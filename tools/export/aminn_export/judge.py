@@ -59,7 +59,7 @@ class Failure:
         if self.output == "samples":
             return f"samples: got {self.got:.0f}, want {self.want:.0f}"
         if self.output == "model":
-            return f"model: the reference is of the model with content_crc {int(self.want):08x}, not {int(self.got):08x}"
+            return f"model: the reference is of content_crc {int(self.want):08x}, this model has {int(self.got):08x}"
         if self.sample is None:
             return f"{self.output}: median of difference over limit {self.got:.3g}, limit {self.limit:.3g}"
         limit = "bits differ" if self.exact else f"limit {self.limit:.3g}"
