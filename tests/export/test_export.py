@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +17,9 @@ from aminn.checkpoint import load_checkpoint
 from aminn.dataset import load_dataset, split_of
 from aminn_base.errors import AminnError
 from aminn_export.bin_model import read_bin_model
+from aminn_export.c_names import check_prefix
 from aminn_export.export import export
+from aminn_export.layout import tensor_order
 from aminn_export.onnx_model import read_metadata
 from aminn_export.vectors import read_vectors
 from aminn_export.weights import float16_model
@@ -89,13 +93,67 @@ def test_other_files_in_the_folder_stay(checkpoint_dir: Path, tmp_path: Path) ->
     }
 
 
-@pytest.mark.parametrize(
-    "prefix", ["2fast", "a-b", "", "int", "namespace", "aminn_predict", "AMINN_OK", "aminn_model_t"]
+CLASHES = (
+    *("2fast", "a-b", "", "_model", "int", "namespace", "bool", "static_assert", "co_await", "char8_t"),
+    *("main", "printf", "errno", "int32_t", "hand_t", "NULL", "NAN", "stdin", "std", "sinf", "read", "time", "PRId32"),
+    *("left__hand", "left_", "HAND", "limits", "Math", "stdio", "string", "pthread_hand"),
+    *("aminn", "AMINN", "aminn_predict", "AMINN_OK", "aminn_model_t", "Aminn_rt", "aminn_debug", "golden", "Golden"),
 )
+
+
+@pytest.mark.parametrize("prefix", CLASHES)
 def test_bad_prefix_leaves_nothing(checkpoint_dir: Path, tmp_path: Path, prefix: str) -> None:
-    with pytest.raises(AminnError, match="prefix"):
+    with pytest.raises(AminnError, match=f"prefix {prefix!r}"):
         export(checkpoint_dir, tmp_path / "out", prefix)
     assert _names(tmp_path) == set()
+
+
+def test_other_prefixes_are_free() -> None:
+    for prefix in ("aminn_model", "aminn_model_2", "left", "gripper", "Hand", "tool1", "strong", "island"):
+        check_prefix(prefix)
+
+
+def test_no_name_of_the_runtime_is_free_or_made() -> None:
+    """Every name in the public headers, whatever its case: as a prefix, and as what a prefix makes."""
+    runtime = Path(__file__).resolve().parents[2] / "runtime" / "include"
+    text = "".join((runtime / name).read_text() for name in ("aminn_rt.h", "aminn_rt.hpp"))
+    names = set(re.findall(r"\b(?i:aminn)\w*", text)) - {"aminn_model", "aminn_model_"}  # these are of the example
+    fields = {f"{owner}_{field}" if owner else field for owner, field, _ in tensor_order(1, 1, 1)} | {"known_answer"}
+    assert len(names) > 60
+    for name in sorted(names):
+        made = [name[: -len(field) - 1] for field in fields if name.lower().endswith(f"_{field}")]
+        for prefix in (name, *made):
+            with pytest.raises(AminnError, match="prefix"):
+                check_prefix(prefix)
+
+
+def test_compilers_agree_about_their_names(tmp_path: Path) -> None:
+    """What the C headers of this machine declare is refused."""
+    names = ("complex", "ctype", "errno", "math", "signal", "stdio", "stdlib", "string", "time", "wchar", "wctype")
+    (tmp_path / "in.c").write_text("".join(f"#include <{name}.h>\n" for name in names))
+    command = ["gcc", "-std=c17", "-fsyntax-only", "-aux-info", "aux.txt", "in.c"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    declared = set(re.findall(r"\b([a-z][a-z0-9_]*) \(", (tmp_path / "aux.txt").read_text()))
+    assert len(declared) > 400
+    free = []
+    for name in sorted(declared):
+        with contextlib.suppress(AminnError):
+            check_prefix(name)
+            free.append(name)
+    assert free == []
+
+
+def test_files_of_another_model_are_not_replaced(checkpoint_dir: Path, tmp_path: Path) -> None:
+    (tmp_path / "Left.bin").write_text("mine")
+    with pytest.raises(AminnError, match=r"holds Left\.bin.* by case alone"):
+        export(checkpoint_dir, tmp_path, "left")
+    assert _names(tmp_path) == {"Left.bin"}
+    export(checkpoint_dir, tmp_path / "out", "left")
+    export(checkpoint_dir, tmp_path / "out", "left")
+    before = (tmp_path / "out" / "aminn.onnx").read_bytes()
+    with pytest.raises(AminnError, match="holds the model left"):
+        export(checkpoint_dir, tmp_path / "out", "right")
+    assert (tmp_path / "out" / "aminn.onnx").read_bytes() == before
 
 
 def test_missing_inputs_leave_nothing(checkpoint_dir: Path, tmp_path: Path) -> None:

@@ -6,16 +6,15 @@ All names start with the prefix, so that several models link into one image.
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aminn.dims import INPUT_SHAPES, N_BRANCH, N_CONTACT_FEATURE, N_COORD, N_JOINT, N_WRENCH, OUTPUT_SHAPES
-from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
 
+from .c_names import check_prefix
 from .known_answer import answered
 from .layout import FORMAT_VERSION, NAME_ROOM, SCALARS, STAGE_SCALARS, Layout, Table, default_name
 from .packing import KnownAnswer, content_crc
@@ -23,17 +22,6 @@ from .ranges import STATE_FIELDS
 from .tables import STAGES, Exported
 
 _VALUES_PER_LINE = 6
-KEYWORDS = frozenset(
-    """
-    alignas alignof and asm auto bitand bitor bool break case catch char class compl const constexpr
-    continue decltype default delete do double else enum explicit export extern false float for friend
-    goto if inline int long mutable namespace new noexcept not nullptr operator or private protected
-    public register restrict return short signed sizeof static struct switch template this throw true
-    try typedef typeid typename union unsigned using virtual void volatile while xor
-    """.split()
-)
-RUNTIME_NAMES = ("aminn_model_t", "aminn_model_check", "aminn_model_from_blob", "aminn_rt")
-
 # Numbers, not the header's macros: a runtime of other dimensions must see that the model is not for it.
 _DIMS = {
     "n_branch": N_BRANCH,
@@ -148,10 +136,7 @@ extern const aminn_model_t {prefix};
 
 def c_model_texts(exported: Exported, prefix: str = "aminn_model") -> tuple[str, str]:
     """(source, header) of a model."""
-    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", prefix) or prefix in KEYWORDS:
-        raise AminnError(f"prefix {prefix!r} is not a C identifier")
-    if re.match(r"(?i)aminn_(?!model)", prefix) or prefix in RUNTIME_NAMES:
-        raise AminnError(f"prefix {prefix!r} may be a name of the runtime's; aminn_model..., or not aminn_..., is free")
+    check_prefix(prefix)
     layout, answer = answered(exported)
     if "name" not in exported.meta:
         layout = layout._replace(names=(default_name(prefix), *layout.names[1:]))

@@ -14,6 +14,7 @@ from aminn_base.errors import AminnError
 
 from .bin_model import BinModel, write_bin_model
 from .c_model import write_c_model
+from .c_names import check_prefix
 from .golden import GOLDEN_FILE, inputs_of, write_golden
 from .known_answer import informative_state, runtime
 from .layout import WEIGHT_CODES, checked_name, default_name
@@ -29,6 +30,19 @@ def write_model_files(exported: Exported, out_dir: Path, prefix: str) -> None:
     write_bin_model(exported, out_dir / f"{prefix}.bin")
     write_onnx(exported, out_dir / ONNX_FILE)
     write_onnx(exported, out_dir / DEBUG_FILE, debug=True)
+
+
+def _check_files(out_dir: Path, prefix: str) -> None:
+    """Raises AminnError where another model is there, or a file whose name differs by case alone: one on some disks."""
+    mine = {f"{prefix}{ending}" for ending in (".c", ".h", ".bin")}
+    there = {file.name for file in out_dir.iterdir()} if out_dir.is_dir() else set()
+    for name in sorted(there - mine):
+        if name.lower() in {m.lower() for m in mine}:
+            raise AminnError(f"{out_dir}: holds {name}, which differs from a file of prefix {prefix!r} by case alone")
+        if name.endswith(".h") and {f"{name[:-2]}.bin", ONNX_FILE} <= there:
+            raise AminnError(
+                f"{out_dir}: holds the model {name[:-2]}, whose {ONNX_FILE} would be replaced; export to another folder"
+            )
 
 
 def _publish(part: Path, out_dir: Path) -> None:
@@ -71,6 +85,8 @@ def export(
     """
     if weights not in WEIGHT_CODES:
         raise AminnError(f"export: weights is {weights!r}, expected one of {', '.join(WEIGHT_CODES)}")
+    check_prefix(prefix)
+    _check_files(out_dir, prefix)
     tables = export_tables(load_checkpoint(checkpoint_dir))
     dataset = load_dataset(data_dir) if data_dir is not None else None
     ranges = training_ranges(dataset) if dataset is not None else unknown_ranges()
