@@ -61,3 +61,49 @@ def test_the_headers_example_is_the_one_that_is_tested() -> None:
     for statement in statements:
         for part in filter(None, (p.strip() for p in re.split(r"[{}]", statement))):
             assert re.sub(r"\s+", " ", part) in normal, part
+
+
+COMMENT = re.compile(r"/\*\n((?: \*.*\n)+?) \*/\n(?:static inline )?aminn_status_t (aminn_\w+)\(")
+# Comments refer to other functions for codes of theirs in these words.
+REFERENCE = re.compile(r"what (aminn_\w+)\(\) returns|as for (aminn_\w+)\(\)|What (aminn_\w+)\(\) calls")
+FUNCTION = re.compile(
+    r"^(?:static )?(?:inline )?(?:AMINN_FUNCTION )?aminn_status_t (\w+)\([^;{]*?\)\n\{\n(.*?)^\}",
+    re.MULTILINE | re.DOTALL,
+)
+
+
+def documented_codes() -> dict[str, set[str]]:
+    """The errors that the comment of each public function lists, and those of the functions that it refers to."""
+    comments = {name: re.sub(r"\s+\*?\s*", " ", text) for text, name in COMMENT.findall(HEADER)}
+
+    def codes(name: str) -> set[str]:
+        found = set(re.findall(r"AMINN_E_\w+", comments[name]))
+        return found.union(*(codes(next(filter(None, groups))) for groups in REFERENCE.findall(comments[name])))
+
+    return {name: codes(name) for name in comments}
+
+
+def returned_codes() -> dict[str, set[str]]:
+    """The errors that stand in each function of the library that returns a status, and in those that it calls."""
+    sources = sorted((Path(__file__).resolve().parents[2] / "runtime" / "src").glob("*.?pp"))
+    bodies = dict(FUNCTION.findall(HEADER))
+    for source in sources:
+        bodies |= dict(FUNCTION.findall(source.read_text()))
+    bodies = {name: re.sub(r"[=!]= AMINN_\w+|//.*", "", body) for name, body in bodies.items()}  # only compared with
+
+    def codes(name: str) -> set[str]:
+        found = set(re.findall(r"AMINN_E_\w+", bodies[name]))
+        return found.union(*(codes(called) for called in re.findall(r"(\w+)\(", bodies[name]) if called in bodies))
+
+    return {name: codes(name) for name in bodies if name.startswith("aminn_")}
+
+
+def test_comments_list_the_codes_that_functions_return() -> None:
+    documented, returned = documented_codes(), returned_codes()
+    assert len(documented) >= 8
+    assert documented == returned
+
+
+def test_every_code_is_returned_by_a_function() -> None:
+    listed = set(re.findall(r"X\((AMINN_E_\w+),", HEADER))
+    assert listed == set().union(*returned_codes().values())
