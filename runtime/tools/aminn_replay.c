@@ -4,8 +4,8 @@
  *   aminn_replay MODEL.bin VECTORS.bin OUT.bin
  *
  * Both stages are computed for every sample (AMINN_FLAG_ALWAYS_STAGE2), so that all outputs can be compared. A sample
- * that the runtime refuses is written as the runtime left the outputs, with its status code. Prints one line of
- * figures. Exits with 0, or with 1 and a message on a bad file (no OUT.bin is left then), or with 2 on bad arguments.
+ * that the runtime refuses is written as the runtime left the outputs, with its status code. Prints a line that says which
+ * model it is and what aminn_self_test() finds, and one of figures. Exits with 0, or with 1 and a message on a bad file (no OUT.bin is left then), or with 2 on bad arguments.
  *
  * Compiled with -DAMINN_REPLAY_HEADER='"aminn_model.h"' -DAMINN_REPLAY_MODEL=aminn_model and linked with aminn_model.c,
  * it runs that model instead and takes no MODEL.bin:
@@ -31,6 +31,33 @@ static double now_s(void)
     struct timespec t;
     clock_gettime(CLOCK_MONOTONIC, &t);
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+/* the first digits of a SHA-256, or "none" where it is not known */
+static void print_digest(const char *what, const uint8_t digest[32])
+{
+    enum { SHOWN = 6 };
+    static const uint8_t none[32];
+    int i;
+    printf(", %s ", what);
+    if (memcmp(digest, none, sizeof none) == 0) {
+        printf("none");
+        return;
+    }
+    for (i = 0; i < SHOWN; ++i) {
+        printf("%02x", digest[i]);
+    }
+}
+
+static void print_identity(const aminn_model_t *model)
+{
+    static aminn_t ctx;
+    aminn_status_t status = aminn_init(&ctx, model, 0);
+    status = status == AMINN_OK ? aminn_self_test(&ctx) : status;
+    printf("model %s, hand %s, made by %s", model->name, model->hand, model->made_by);
+    print_digest("checkpoint", model->checkpoint_sha256);
+    print_digest("data", model->data_sha256);
+    printf(", tau %.4f; self-test %s\n", (double)model->tau, aminn_status_name(status));
 }
 
 /* predicts all samples into rows (n x RESULT_N_OUT) and statuses (n); returns the number that was refused */
@@ -126,6 +153,7 @@ int main(int argc, char **argv)
     refused = predict_all(&model, vectors, rows, statuses);
     spent_s = now_s() - start_s;
     write_results(argv[first + 1], vectors->n, rows, statuses);
+    print_identity(&model);
     printf("samples %u, refused %u, %.3f us per prediction\n", (unsigned)vectors->n, (unsigned)refused,
            vectors->n > 0 ? 1e6 * spent_s / vectors->n : 0.0);
     free(rows);

@@ -40,6 +40,7 @@ def main() -> None:
     write_c_model(tiny, args.out, "tiny_model")
     write_golden(tiny, args.out / "tiny_golden.bin", 48, 11)
     half = float16_model(random_model(3, widths=(28, 33, 17)))
+    half.meta["name"] = "half_model"
     write_c_model(half, args.out, "half_model")
     write_bin_model(half, args.out / "half_blob.bin")
     write_golden(half, args.out / "half_golden.bin", 48, 12)

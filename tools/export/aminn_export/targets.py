@@ -7,6 +7,7 @@ all write the same bytes.
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 from concurrent.futures import ThreadPoolExecutor
@@ -106,6 +107,13 @@ def build_library(build_dir: Path) -> Path:
     return build_dir / "aminn_replay"
 
 
+def _check_self_test(text: str, name: str) -> None:
+    """Raises AminnError unless the replay program found the library sound; a board's image stops by itself."""
+    found = re.search(r"self-test (\w+)", text)
+    if found is None or found[1] != "AMINN_OK":
+        raise AminnError(f"{name}: the library's self-test says {found[1] if found else 'nothing'}")
+
+
 def replay(name: str, model_dir: Path, prefix: str, vectors: Path, work: Path) -> tuple[Path, dict[str, int]]:
     """Build target `name` with the C model PREFIX of `model_dir` and replay a vector file on it, in the folder `work`.
 
@@ -121,12 +129,12 @@ def replay(name: str, model_dir: Path, prefix: str, vectors: Path, work: Path) -
         return out, run_firmware(image, vectors, out, name)
     if name in DISPATCHED:
         command = [*DISPATCHED[name].split(), str(build_library(work / "build")), str(model_dir / f"{prefix}.bin")]
-        run([*command, str(vectors), str(out)], f"replaying on {name}")
+        _check_self_test(run([*command, str(vectors), str(out)], f"replaying on {name}"), name)
         return out, {}
     target = HOSTED[name]
     program = build_hosted(target, model_dir, prefix, work)
     emulator = [target.emulator] if target.emulator else []
-    run([*emulator, str(program), str(vectors), str(out)], f"replaying on {name}")
+    _check_self_test(run([*emulator, str(program), str(vectors), str(out)], f"replaying on {name}"), name)
     return out, {}
 
 
