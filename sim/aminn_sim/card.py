@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import io
-import json
 from pathlib import Path
 
 import jinja2
@@ -13,6 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aminn_base.files import write_atomically
+from aminn_base.read import AnyPath, read_json
 
 from .quality import noise_figures
 from .read import Array, SimulatedData, read_data
@@ -25,17 +25,18 @@ SPLITS = {6: (3,), 8: (1, 4, 7), 11: (1, 4, 7)}  # where the unit changes along 
 SPHERE_CELLS = (12, 6)  # of equal area: around z, along z
 
 
-def data_card(folder: Path, report: Path | None = None) -> Path:
+def data_card(folder: AnyPath, report: AnyPath | None = None) -> Path:
     """Write folder/card.html for the finished data set in `folder`; returns it.
 
     report: figures of `make sim`; without one, reports/sim.json beside the folder, if it is there. Raises
     SimulationError where the folder holds no finished data set.
     """
+    folder = Path(folder)
     data = read_data(folder)
-    report = report or folder.parent / "reports" / "sim.json"
+    report = Path(report) if report is not None else folder.parent / "reports" / "sim.json"
     sections = [_yield(data), _loads(data), _quality(data), _coverage(data), _families(data), _variables(data)]
     if report.is_file():
-        sections.append(_report(json.loads(report.read_text())))
+        sections.append(_report(read_json(report, "a report of `make sim`")))
     page = folder / "card.html"
     write_atomically(page, _TEMPLATE.render(summary=_summary(data), sections=sections).encode())
     return page

@@ -10,8 +10,8 @@ from pathlib import Path
 import click
 import numpy as np
 
-from aminn_base.errors import AminnError
 from aminn_base.files import refuse_inputs, write_json
+from aminn_base.program import Messages
 
 from . import _core
 from .config import SimulationConfig
@@ -68,40 +68,37 @@ def speed_figures(
     }
 
 
-@click.command()
+@click.command(cls=Messages)
 @click.option("--data", type=click.Path(path_type=Path), required=True, help="Folder of a finished data set.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Report to write (JSON).")
 @click.option("--grasps", type=click.IntRange(4), default=240, show_default=True, help="Fresh grasps for the theory.")
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Seed of the fresh grasps.")
 def main(data: Path, out: Path, grasps: int, seed: int) -> None:
     """Hold theory against simulation, judge a data set's labels, and time the simulation."""
-    try:
-        refuse_inputs(out, data.glob("*"))
-        hand, threads = read_hand_file(), len(os.sched_getaffinity(0))
-        simulator, config, simulated = hand.simulator(), SimulationConfig(seed=seed), read_data(data)
-        parts: dict[str, Callable[[], dict]] = {
-            "speed": lambda: speed_figures(simulator, config),
-            "data set": lambda: dataset_figures(simulated),
-            "synergy space": lambda: synergy_figures(hand, simulator, simulated),
-            "theory, small loads": lambda: compliance_figures(simulator, config, grasps, threads),
-            "theory, by pinch force": lambda: preload_figures(simulator, config, grasps // 6, threads),
-            "theory, all loads": lambda: dataset_errors(
-                simulated.manifest["hand"], simulated.samples, simulated.grasps
-            ),
-            "slackening tendons": lambda: slack_figures(simulator, config, grasps // 2, threads),
-            "current MuJoCo": lambda: crosscheck(config, hand, seed),
-            "waiting longer": lambda: waiting_figures(simulator, config, threads, grasps // 2, 10),
-        }
-        figures: dict[str, float | str] = {}
-        for name, measure in parts.items():
-            click.echo(f"{name}:")
-            found = measure()
-            for key, value in found.items():
-                click.echo(f"  {key:52s} {value if isinstance(value, str) else format(value, '.4g')}")
-            figures |= found
-        write_json(out, figures)
-    except AminnError as error:
-        raise click.ClickException(str(error)) from error
+    refuse_inputs(out, data.glob("*"))
+    hand, threads = read_hand_file(), len(os.sched_getaffinity(0))
+    simulator, config, simulated = hand.simulator(), SimulationConfig(seed=seed), read_data(data)
+    parts: dict[str, Callable[[], dict]] = {
+        "speed": lambda: speed_figures(simulator, config),
+        "data set": lambda: dataset_figures(simulated),
+        "synergy space": lambda: synergy_figures(hand, simulator, simulated),
+        "theory, small loads": lambda: compliance_figures(simulator, config, grasps, threads),
+        "theory, by pinch force": lambda: preload_figures(simulator, config, grasps // 6, threads),
+        "theory, all loads": lambda: dataset_errors(
+            simulated.manifest["hand"], simulated.samples, simulated.grasps
+        ),
+        "slackening tendons": lambda: slack_figures(simulator, config, grasps // 2, threads),
+        "current MuJoCo": lambda: crosscheck(config, hand, seed),
+        "waiting longer": lambda: waiting_figures(simulator, config, threads, grasps // 2, 10),
+    }
+    figures: dict[str, float | str] = {}
+    for name, measure in parts.items():
+        click.echo(f"{name}:")
+        found = measure()
+        for key, value in found.items():
+            click.echo(f"  {key:52s} {value if isinstance(value, str) else format(value, '.4g')}")
+        figures |= found
+    write_json(out, figures)
 
 
 if __name__ == "__main__":

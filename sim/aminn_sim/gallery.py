@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aminn_base.lock import locked_folder
+from aminn_base.read import AnyPath
 
 from . import _core
 from .config import SimulationConfig
@@ -57,12 +58,13 @@ class Pose:
     """(n, 3) N."""
 
 
-def gallery(folder: Path, count: int, hand: Path | str | None = None) -> Path:
+def gallery(folder: AnyPath, count: int, hand: AnyPath | None = None) -> Path:
     """Draw `count` grasps of the finished data set in `folder`; returns the page, folder/gallery/index.html.
 
     Tool families come in turn, cases that hold and cases that do not alternate. Raises SimulationError where the data
     set is of another configuration or version, and where the renderer cannot be used.
     """
+    folder = Path(folder)
     data, hand_file = read_data(folder), read_hand_file(hand)
     config, simulator = _config(folder, data, hand_file), hand_file.simulator()
     out, unfinished = folder / "gallery", folder / "gallery.unfinished"
@@ -75,7 +77,7 @@ def gallery(folder: Path, count: int, hand: Path | str | None = None) -> Path:
                     _draw(data, config, hand_file, simulator, row, unfinished, screen) for row in choose(data, count)
                 ]
             page = _TEMPLATE.render(entries=entries, manifest=data.manifest, version=import_mujoco().__version__)
-            (unfinished / "index.html").write_text(page)
+            (unfinished / "index.html").write_text(page, encoding="utf-8")
             if out.exists():
                 shutil.rmtree(out)
             unfinished.rename(out)
@@ -93,7 +95,7 @@ def _config(folder: Path, data: SimulatedData, hand_file: HandFile) -> Simulatio
     try:
         config = SimulationConfig(**data.manifest["config"])
         same = config_sha256(config, hand_file) == data.manifest["config_sha256"]
-    except TypeError:  # a field that this version does not have
+    except (TypeError, KeyError):  # a field that this version does not have, or that the manifest lacks
         same = False
     if not same:
         raise SimulationError(

@@ -5,12 +5,14 @@ from __future__ import annotations
 import hashlib
 import itertools
 import re
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
+from aminn_base.errors import AminnError
+from aminn_base.read import AnyPath, read_toml
 
 from . import _core
 from .errors import SimulationError
@@ -168,15 +170,13 @@ class _Reader:
             raise self.fail(key, "is not a field of a hand file")
 
 
-def read_hand_file(path: Path | str | None = None) -> HandFile:
+def read_hand_file(path: AnyPath | None = None) -> HandFile:
     """Read and check a hand file; without a path, the one of the package. Raises SimulationError: file and field."""
     path = Path(path) if path is not None else default_hand_file()
     try:
-        content = tomllib.loads(path.read_text())
-    except OSError as error:
-        raise SimulationError(f"{path}: the hand file cannot be read ({error})") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise SimulationError(f"{path}: not TOML ({error})") from error
+        content = read_toml(path)
+    except AminnError as error:
+        raise SimulationError(f"{error}: a hand file is a TOML file beside its model") from error
     top = _Reader(path, content)
     name, scene = top.text("name"), path.parent / top.text("scene")
     if not scene.is_file():

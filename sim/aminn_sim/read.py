@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +11,9 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from aminn_base.errors import AminnError
 from aminn_base.lock import read_shared
+from aminn_base.read import AnyPath, read_json
 
 from .errors import SimulationError
 from .schema import GROUPS
@@ -39,10 +40,11 @@ class SimulatedData:
         return self.grasps[name][self.grasp_row]
 
 
-def read_data(folder: Path) -> SimulatedData:
+def read_data(folder: AnyPath) -> SimulatedData:
     """Read the finished data set in `folder`. Raises SimulationError where there is none or a shard is damaged."""
+    folder = Path(folder)
     try:
-        manifest = json.loads((folder / "manifest.json").read_text())
+        manifest = read_json(folder / "manifest.json", "the manifest of a data set")
         groups: dict[str, list[dict[str, Array]]] = {group: [] for group in GROUPS}
         before = 0
         for shard in manifest["shards"]:
@@ -54,8 +56,13 @@ def read_data(folder: Path) -> SimulatedData:
                     parts.append({name: data[()] for name, data in file[group].items()})
             groups["noise"][-1]["sample"] = groups["noise"][-1]["sample"] + before
             before += shard["n_samples"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise SimulationError(f"{folder}: not a readable data set ({error})") from error
-    return SimulatedData(
-        manifest, **{g: {k: np.concatenate([p[k] for p in parts]) for k in parts[0]} for g, parts in groups.items()}
-    )
+        joined = {g: {k: np.concatenate([p[k] for p in parts]) for k in parts[0]} for g, parts in groups.items()}
+        for group, fields in GROUPS.items():
+            lengths = {name: joined[group][name].shape for name in fields}
+            rows = {shape[:1] for shape in lengths.values()}
+            wrong = [name for name, field in fields.items() if lengths[name][1:] != field.shape]
+            if wrong or len(rows) != 1:
+                raise ValueError(f"/{group} is not as the schema says{': ' + ', '.join(wrong) if wrong else ''}")
+    except (AminnError, OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, RuntimeError) as error:
+        raise SimulationError(f"{folder}: not a readable data set ({error}); simulate it again") from error
+    return SimulatedData(manifest, **joined)

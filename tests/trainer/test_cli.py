@@ -56,7 +56,7 @@ def test_train_evaluate_and_report(data_dir: Path, tmp_path: Path) -> None:
         (("simulate", "--out", "{out}", "--seed", 2**64), "seed is 18446744073709551616, expected 0 to 2^64 - 1"),
         (("simulate", "--out", "{out}", "--cases", 10**12), "cases is 1000000000000, expected 1 to 1 000 000"),
         (("simulate", "--out", "{out}", "--set", "ramp_s=soon"), "--set ramp_s=soon: 'soon' is not a number"),
-        (("simulate", "--out", "{out}", "--hand", "nothing.toml"), "nothing.toml: the hand file cannot be read"),
+        (("simulate", "--out", "{out}", "--hand", "nothing.toml"), "nothing.toml: cannot be read"),
     ],
 )
 def test_errors_are_one_line_for_the_user(

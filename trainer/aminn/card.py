@@ -6,10 +6,9 @@ import numpy as np
 
 from aminn_base.files import write_atomically
 
-from .checkpoint import META, WEIGHTS, Checkpoint
+from .checkpoint import CARD, CARD_HASH, WEIGHTS, Checkpoint
 from .config import TrainConfig, as_toml, build_config
 
-CARD = "card.md"
 KINDS = {
     "aminn": "AMINN, a network that predicts springs and tendons, and a statics layer that turns them into motion",
     "mlp": "a cascade of two MLPs, the black box that AMINN is compared with",
@@ -53,7 +52,7 @@ def _card(checkpoint: Checkpoint) -> str:
             "|---|---|",
             f"| parameters | {meta['n_parameters']} |",
             f"| threshold tau | {meta['tau']:.4f}, chosen on validation data |",
-            f"| weights | `{WEIGHTS}`, SHA-256 of weights and `{META}`: {checkpoint.sha256} |",
+            f"| weights | `{WEIGHTS}`, {CARD_HASH}: {checkpoint.sha256} |",
             f"| hand | {data['hand']} |",
             f"| simulator | {data['simulator']} |",
             f"| data set | {meta['identity']['data_sha256']} |",

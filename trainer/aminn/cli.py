@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import click
 
 from aminn_base.errors import AminnError
+from aminn_base.program import Commands, Judges
+from aminn_base.read import read_json
 
 from . import __version__
 
@@ -16,49 +17,20 @@ EXISTING = click.Path(path_type=Path, file_okay=False, exists=True)
 FILE_OR_FOLDER = click.Path(path_type=Path, exists=True)
 READABLE = click.Path(path_type=Path, exists=True, dir_okay=False)
 NEW_FILE = click.Path(path_type=Path, dir_okay=False)
+TRAINED_ON = click.option(
+    "--trained-on",
+    type=EXISTING,
+    default=None,
+    help="Where --data is another one: the data set of the training, whose grasps are then left out.",
+)
 
 
 def read_verification(file: Path) -> dict:
     """The report that `aminn verify --json` wrote."""
-    try:
-        report = json.loads(file.read_text())
-    except json.JSONDecodeError as error:
-        raise AminnError(f"{file}: not valid JSON ({error})") from error
-    if not isinstance(report, dict) or "ok" not in report or "failures" not in report:
+    report = read_json(file, "a report of `aminn verify --json`")
+    if "ok" not in report or "failures" not in report:
         raise AminnError(f"{file}: not a report of `aminn verify --json`")
     return report
-
-
-class Messages(click.Command):
-    """Turns errors meant for the user into one line and exit code 1."""
-
-    def invoke(self, ctx: click.Context) -> object:
-        try:
-            return super().invoke(ctx)
-        except (AminnError, OSError) as error:
-            raise click.ClickException(str(error)) from error
-        except KeyboardInterrupt as error:
-            raise click.ClickException("interrupted; the same command goes on where it stopped") from error
-
-
-class Unjudged(click.ClickException):
-    """What was to be judged cannot be; a difference ends with 1."""
-
-    exit_code = 3
-
-
-class Judges(Messages):
-    """A command that judges: exit code 1 says that something differs, 3 that it cannot tell."""
-
-    def invoke(self, ctx: click.Context) -> object:
-        try:
-            return click.Command.invoke(self, ctx)
-        except (AminnError, OSError) as error:
-            raise Unjudged(str(error)) from error
-
-
-class Commands(Messages, click.Group):
-    """A group whose commands do so."""
 
 
 @click.group(cls=Commands)
@@ -208,11 +180,14 @@ def train(
 
 
 @main.command()
-@click.option("--data", type=EXISTING, required=True, help="The data set that the models were trained on.")
+@click.option("--data", type=EXISTING, required=True, help="Data set of the training, or another of the hand.")
 @click.option("--run", "runs", type=EXISTING, multiple=True, required=True, help="Checkpoint folder; may be repeated.")
 @click.option("--split", default="test", show_default=True, type=click.Choice(["train", "validation", "test"]))
+@TRAINED_ON
 @click.option("--json", "json_file", type=NEW_FILE, help="Write every figure here, as flat keys.")
-def evaluate(data: Path, runs: tuple[Path, ...], split: str, json_file: Path | None) -> None:
+def evaluate(
+    data: Path, runs: tuple[Path, ...], split: str, trained_on: Path | None, json_file: Path | None
+) -> None:
     """Print the figures of trained models beside the analytical model, no motion and the ground truth."""
     from aminn_base.files import write_json
 
@@ -221,10 +196,12 @@ def evaluate(data: Path, runs: tuple[Path, ...], split: str, json_file: Path | N
     from .evaluate import evaluate as run
     from .evaluate import flat_report, format_table
 
-    result = run([load_checkpoint(r) for r in runs], load_dataset(data), split)
-    click.echo(format_table(result))
+    origin = load_dataset(trained_on) if trained_on else None
+    result = run([load_checkpoint(r) for r in runs], load_dataset(data), split, origin)
     if json_file:
         write_json(json_file, flat_report(result))
+    click.echo(format_table(result))
+    if json_file:
         click.echo(f"figures: {json_file}")
 
 
@@ -336,7 +313,7 @@ def compare(files: tuple[Path, ...], show: int, json_file: Path | None, junit_fi
 
 
 @main.command()
-@click.option("--data", type=EXISTING, required=True, help="The data set that the models were trained on.")
+@click.option("--data", type=EXISTING, required=True, help="Data set of the training, or another of the hand.")
 @click.option("--run", "runs", type=EXISTING, multiple=True, required=True, help="Checkpoint folder; may be repeated.")
 @click.option(
     "--verification",
@@ -350,8 +327,16 @@ def compare(files: tuple[Path, ...], show: int, json_file: Path | None, junit_fi
     show_default=True,
     help="Folder of other reports, whose figures the page lists.",
 )
+@TRAINED_ON
 @click.option("--out", type=NEW_FILE, default=Path("build/reports/report.html"), show_default=True)
-def report(data: Path, runs: tuple[Path, ...], verification: Path | None, reports: Path, out: Path) -> None:
+def report(
+    data: Path,
+    runs: tuple[Path, ...],
+    verification: Path | None,
+    reports: Path,
+    trained_on: Path | None,
+    out: Path,
+) -> None:
     """Write the report page: table, signed work, predicted motion, training curves, a grasp under load."""
     from .checkpoint import load_checkpoint
     from .dataset import load_dataset
@@ -360,7 +345,8 @@ def report(data: Path, runs: tuple[Path, ...], verification: Path | None, report
 
     checkpoints = [load_checkpoint(r) for r in runs]
     differences = read_verification(verification) if verification else {}
-    run_report(run(checkpoints, load_dataset(data)), checkpoints, differences, out, reports)
+    origin = load_dataset(trained_on) if trained_on else None
+    run_report(run(checkpoints, load_dataset(data), trained_on=origin), checkpoints, differences, out, reports)
     click.echo(f"report: {out}")
 
 

@@ -12,7 +12,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, field, fields, is_dataclass
 from difflib import get_close_matches
 from functools import partial
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -20,19 +19,19 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
-    NonNegativeFloat,
-    NonNegativeInt,
-    PositiveFloat,
-    PositiveInt,
     TypeAdapter,
     ValidationError,
 )
 from pydantic.dataclasses import dataclass as checked_dataclass
 
 from aminn_base.errors import AminnError
+from aminn_base.read import AnyPath, read_toml
 
 from .dims import N_WRENCH
 
+Width = Annotated[int, Field(gt=0, le=4096)]
+Scale = Annotated[float, Field(gt=0, le=1e9)]
+Weight = Annotated[float, Field(ge=0, le=1e9)]
 CHECKS = ConfigDict(extra="forbid", use_attribute_docstrings=True, allow_inf_nan=False)
 settings = partial(checked_dataclass, frozen=True, config=CHECKS)
 
@@ -41,13 +40,13 @@ settings = partial(checked_dataclass, frozen=True, config=CHECKS)
 class MechanicsConfig:
     """Constants of the mechanics layer."""
 
-    eps_m: PositiveFloat = 1e-5
+    eps_m: Scale = 1e-5
     """Isotropic contact compliance added to every branch, m/N. It also bounds the conditioning in float32."""
     learn_eps_m: bool = True
     """Take eps_m as a start and learn it, one value a stage."""
-    eps_kx: PositiveFloat = 1e-3
+    eps_kx: Scale = 1e-3
     """Stiffness added to the diagonal of K_x: N/m for translation, N.m/rad for rotation. It bounds the conditioning."""
-    eps_jq: PositiveFloat = 1e-3
+    eps_jq: Scale = 1e-3
     """Regularisation of J_q in the "inverse" form of dq0, m/rad."""
     dq0: Literal["statics", "inverse"] = "statics"
     """How pass 1 finds the joint deflection: "statics" (K^-1 B^T force) or "inverse" (of J_q, as in the paper)."""
@@ -82,11 +81,11 @@ def _wrench_scale(value: tuple[float, ...]) -> tuple[float, ...]:
 class ModelConfig:
     """Sizes and constants of a cascade."""
 
-    contact_width: PositiveInt = 32
+    contact_width: Width = 32
     """Width of the contact summary."""
-    width: PositiveInt = 64
+    width: Width = 64
     """Width of the trunk."""
-    classifier_width: PositiveInt = 32
+    classifier_width: Width = 32
     """Width of the hidden layer of stage 1's classifier."""
     heads: Literal["correction", "free"] = "correction"
     """Zero head outputs give the hand's nominal springs and tendons, or ("free") the same springs for every hand."""
@@ -96,11 +95,11 @@ class ModelConfig:
     """Contacts resist twisting about their normals (for hands with soft fingertips); not exported."""
     slip: bool = False
     """Contacts soften along their tangent planes where pass 1 uses up their friction; not exported."""
-    log_range: PositiveFloat = 2.0
+    log_range: Annotated[float, Field(gt=0, le=20)] = 2.0
     """Cholesky diagonals, gains and alpha stay within exp(+-log_range) of their nominal values."""
     wrench_log_scale: Annotated[tuple[float, ...], AfterValidator(_wrench_scale)] = (0.1, 0.1, 0.1, 0.005, 0.005, 0.005)
     """Where the signed logarithm of the wrench turns from linear to logarithmic: N and N.m."""
-    displacement_log_scale: PositiveFloat = 1e-3
+    displacement_log_scale: Scale = 1e-3
     """The same for the displacement that stage 1's classifier sees, m (rotations times 0.1 m)."""
     gate_nominal: tuple[float, float, float] = (20.0, 0.05, 2.0)
     """alpha (1/rad), scale of beta (rad) and rho of an untrained gate: taut under pretension."""
@@ -112,19 +111,19 @@ class ModelConfig:
 class LossWeights:
     """Weights of the stage 2 loss."""
 
-    translation: NonNegativeFloat = 1.0
+    translation: Weight = 1.0
     """On |dp error| / 0.1 m."""
-    rotation: NonNegativeFloat = 1.0
+    rotation: Weight = 1.0
     """On the geodesic angle, rad."""
-    relative: PositiveFloat = 0.02
+    relative: Scale = 0.02
     """Pose size above which an error counts by its share of the motion rather than by its size; 1e9: never."""
     power: Annotated[float, Field(ge=1, le=2)] = 1.0
     """Exponent of the error: 1 trains on its norm, 2 on its square."""
-    gate: NonNegativeFloat = 1e-4
+    gate: Weight = 1e-4
     """On mean g (1 - g): gates that are open or shut."""
-    engagement: NonNegativeFloat = 1e-3
+    engagement: Weight = 1e-3
     """On the cross-entropy between gates and the simulated tendons, taut or slack."""
-    tendon: NonNegativeFloat = 1e-5
+    tendon: Weight = 1e-5
     """On mean K_tendon^2, (N.m/rad)^2: no more tendon stiffness than the data asks for."""
 
 
@@ -134,17 +133,17 @@ class TrainConfig:
 
     kind: Literal["aminn", "mlp"] = "aminn"
     """The model: the analytical-model-informed network or the black box of the same size."""
-    seed: NonNegativeInt = 0
+    seed: Annotated[int, Field(ge=0, lt=2**64)] = 0
     """Initial weights and order of the samples."""
-    epochs: PositiveInt = 60
+    epochs: Annotated[int, Field(gt=0, le=1_000_000)] = 60
     """Passes over the data, for each stage."""
-    batch: PositiveInt = 256
+    batch: Annotated[int, Field(gt=0, le=2**31 - 1)] = 256
     """Samples a step."""
-    learning_rate: PositiveFloat = 8e-3
+    learning_rate: Scale = 8e-3
     """Peak of the schedule: linear warm-up over the first 5 % of the steps, then a cosine to zero."""
-    weight_decay: NonNegativeFloat = 0.5
+    weight_decay: Weight = 0.5
     """AdamW's."""
-    gradient_clip: PositiveFloat = 1.0
+    gradient_clip: Scale = 1.0
     """Largest norm of a step's gradient."""
     divergence: Annotated[float, Field(gt=1)] = 1e3
     """A step whose loss is so many times that of the stage's first step ends the run as diverged."""
@@ -192,18 +191,15 @@ def _parsed(text: str) -> object:
     """A value as TOML writes it; anything else is taken as a string, so that names need no quotes."""
     try:
         return tomllib.loads(f"v = {text}")["v"]
-    except tomllib.TOMLDecodeError:
+    except ValueError:  # TOMLDecodeError is one, a number of too many digits another
         return text
 
 
-def load_config(file: Path | None = None, overrides: Sequence[str] = (), **given: object) -> TrainConfig:
+def load_config(file: AnyPath | None = None, overrides: Sequence[str] = (), **given: object) -> TrainConfig:
     """Defaults, then the TOML `file`, then `given` fields that are not None, then "key=value" `overrides`."""
     values: dict = {}
     if file is not None:
-        try:
-            values = tomllib.loads(file.read_text())
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise AminnError(f"{file}: not valid TOML ({error})") from error
+        values = read_toml(file)
     values |= {key: value for key, value in given.items() if value is not None}
     for override in overrides:
         key, equals, text = override.partition("=")

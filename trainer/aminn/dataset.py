@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import json
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,12 +18,26 @@ from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError
 from aminn_base.lock import read_shared
+from aminn_base.read import AnyPath, read_json, require
 
 from .dims import INPUT_SHAPES, N_JOINT, N_TENDON, N_WRENCH
 from .nominal import gated_tendons
 
 SCHEMA_VERSION = 2
-MANIFEST_KEYS = ("config_sha256", "shards", "hand", "n_samples", "n_grasps")
+MANIFEST_KEYS: dict[str, type] = {
+    "config_sha256": str,
+    "shards": list,
+    "hand": dict,
+    "n_samples": int,
+    "n_grasps": int,
+    "tool_families": list,
+}
+SHARD_KEYS: dict[str, type] = {"file": str, "sha256": str, "n_samples": int, "n_grasps": int}
+HAND_KEYS: dict[str, type] = dict.fromkeys(
+    ("branches", "joints", "branch_joints", "base_m", "axis", "link_a_m", "link_b_m", "tip_radius_m", "tendons"), list
+) | {"joint_stiffness_Nm_rad": list}
+TENDON_KEYS: dict[str, type | tuple[type, ...]] = {"moment_arm_m": list, "stiffness_N_m": (int, float)}
+ANEW = "simulate the data set again"
 TAUT_N = 1e-3
 """Tension above which a tendon counts as taut."""
 SPLITS = ("train", "validation", "test")
@@ -120,25 +133,32 @@ def _draws(purpose: bytes, grasp_id: NDArray) -> NDArray[np.float64]:
 
 
 def read_manifest(path: Path) -> dict:
-    """The manifest of the data set in folder `path`."""
+    """The manifest of the data set in folder `path`. Raises AminnError with the key that is wrong."""
     file = path / "manifest.json"
     if not file.is_file():
         raise AminnError(f"{path}: no manifest.json; is this a data set, and did its simulation finish?")
-    try:
-        manifest = json.loads(file.read_text())
-    except json.JSONDecodeError as error:
-        raise AminnError(f"{file}: not valid JSON ({error})") from error
-    if not isinstance(manifest, dict):
-        raise AminnError(f"{file}: not the manifest of a data set")
+    manifest = read_json(file, "the manifest of a data set")
     version = manifest.get("schema_version")
     if version != SCHEMA_VERSION:
         newer = isinstance(version, int) and version > SCHEMA_VERSION
         remedy = "it was written by a newer AMINN, read it with that" if newer else "simulate the data set again"
         raise AminnError(f"{file}: schema_version is {version}, this program reads {SCHEMA_VERSION}; {remedy}")
-    missing = [key for key in MANIFEST_KEYS if key not in manifest]
-    if missing:
-        raise AminnError(f"{file}: {', '.join(missing)} missing; simulate the data set again")
+    require(file, manifest, MANIFEST_KEYS, ANEW)
+    for n, shard in enumerate(manifest["shards"]):
+        require(f"{file}: shards[{n}]", _table(file, f"shards[{n}]", shard), SHARD_KEYS, ANEW)
+        if Path(shard["file"]).name != shard["file"]:
+            name = shard["file"]
+            raise AminnError(f"{file}: shards[{n}].file is {name!r}, expected a file beside the manifest; {ANEW}")
+    require(f"{file}: hand", manifest["hand"], HAND_KEYS, ANEW)
+    for n, tendon in enumerate(manifest["hand"]["tendons"]):
+        require(f"{file}: hand.tendons[{n}]", _table(file, f"hand.tendons[{n}]", tendon), TENDON_KEYS, ANEW)
     return manifest
+
+
+def _table(file: Path, place: str, value: object) -> dict:
+    if not isinstance(value, dict):
+        raise AminnError(f"{file}: {place} is no table; {ANEW}")
+    return value
 
 
 GROUPS = {"samples": SAMPLE_SHAPES, "grasps": GRASP_SHAPES, "noise": NOISE_SHAPES}
@@ -155,16 +175,31 @@ def _read_shard(folder: Path, entry: dict) -> Shard:
     try:
         with h5py.File(io.BytesIO(content), "r") as file:
             shard = {group: {name: rows[()] for name, rows in file[group].items()} for group in GROUPS}
-    except (OSError, KeyError) as error:
-        raise AminnError(f"{path}: not a readable shard ({error})") from error
+    except (OSError, KeyError, AttributeError, TypeError, ValueError, RuntimeError) as error:  # all of them h5py's
+        raise AminnError(f"{path}: not a readable shard ({error}); {ANEW}") from error
+    for group, key in (("samples", "n_samples"), ("grasps", "n_grasps")):
+        found = {len(np.atleast_1d(values)) for values in shard[group].values()}
+        if found != {entry[key]}:
+            raise AminnError(f"{path}: /{group} has {_rows(found)} rows, the manifest says {entry[key]}; {ANEW}")
     for group, shapes in GROUPS.items():
+        rows = None
         for name, shape in shapes.items():
             if name not in shard[group]:
-                raise AminnError(f"{path}: /{group}/{name} is missing")
-            found = shard[group][name].shape[1:]
-            if found != shape:
-                raise AminnError(f"{path}: /{group}/{name} has rows of shape {found}, expected {shape}")
+                raise AminnError(f"{path}: /{group}/{name} is missing; {ANEW}")
+            values = np.asarray(shard[group][name])
+            if values.dtype.kind not in "biuf":
+                raise AminnError(f"{path}: /{group}/{name} holds {values.dtype}, expected numbers; {ANEW}")
+            if values.ndim == 0 or values.shape[1:] != shape:
+                found = values.shape[1:]
+                raise AminnError(f"{path}: /{group}/{name} has rows of shape {found}, expected {shape}; {ANEW}")
+            rows = len(values) if rows is None else rows
+            if len(values) != rows:
+                raise AminnError(f"{path}: /{group}/{name} has {len(values)} rows where others have {rows}; {ANEW}")
     return shard
+
+
+def _rows(lengths: set[int]) -> str:
+    return " and ".join(map(str, sorted(lengths))) or "no"
 
 
 def _check_together(path: Path, manifest: dict, shards: list[Shard]) -> None:
@@ -198,8 +233,9 @@ def _joined(shards: list[Shard], group: str) -> dict[str, NDArray]:
     return {name: np.concatenate([shard[group][name] for shard in shards]) for name in shards[0][group]}
 
 
-def load_dataset(path: Path) -> Dataset:
+def load_dataset(path: AnyPath) -> Dataset:
     """Read and check the data set in folder `path`. Raises AminnError with the file and field that is wrong."""
+    path = Path(path)
     manifest = read_manifest(path)
     shards = [_read_shard(path, entry) for entry in manifest["shards"]]
     if not shards:
@@ -209,11 +245,21 @@ def load_dataset(path: Path) -> Dataset:
     for shard, start in zip(shards, starts, strict=False):
         shard["noise"]["sample"] = shard["noise"]["sample"] + start
     samples, grasps, noise = (_joined(shards, group) for group in GROUPS)
+    if not len(samples["stable"]):
+        raise AminnError(f"{path}: the data set has no load cases; {ANEW}")
+    strange = np.setdiff1d(samples["grasp_id"], grasps["grasp_id"])
+    if len(strange):
+        raise AminnError(f"{path}: grasp_id {strange[0]} of /samples is not in /grasps; {ANEW}")
+    if len(noise["sample"]) and not (0 <= noise["sample"].min() and noise["sample"].max() < len(samples["stable"])):
+        raise AminnError(f"{path}: /noise/sample names rows that /samples does not have; {ANEW}")
+    family = grasps["tool_family"]
+    if len(family) and not (0 <= family.min() and family.max() < len(manifest["tool_families"])):
+        raise AminnError(f"{path}: /grasps/tool_family is outside of the manifest's tool_families; {ANEW}")
     for name in SAMPLE_SHAPES:
         bad = ~np.isfinite(samples[name].reshape(len(samples[name]), -1).astype(float)).all(1)
         if bad.any():
             where = f"sample {int(np.argmax(bad))} ({int(bad.sum())} such samples)"
-            raise AminnError(f"{path}: {name} is not finite in {where}; simulate the data set again")
+            raise AminnError(f"{path}: {name} is not finite in {where}; {ANEW}")
     samples["noise_row"] = np.full(len(samples["stable"]), -1)
     samples["noise_row"][noise["sample"]] = np.arange(len(noise["sample"]))
     return Dataset(manifest, samples, grasps, noise)

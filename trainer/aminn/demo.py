@@ -16,9 +16,9 @@ from typing import TypeVar
 import click
 
 from aminn_base.files import write_json
+from aminn_base.program import Messages
 
 from .checkpoint import Checkpoint, load_checkpoint
-from .cli import Messages
 from .dataset import Dataset, load_dataset
 from .evaluate import Evaluation, evaluate, flat_report, format_table, training_grasps_in
 from .pipeline import anew_if_outdated, run_export, run_report, run_verify

@@ -35,6 +35,17 @@ class Nominal:
     link_a: Array  # (3, 3) m, base to distal joint at q = 0
 
 
+NOMINAL_SHAPES: dict[str, tuple[int, ...]] = {
+    "chol": (N_BRANCH, 6),
+    "tendon_dir": (N_BRANCH, N_COORD),
+    "tendon_gain": (N_BRANCH,),
+    "coord_mask": (N_BRANCH, N_COORD),
+    "base": (N_BRANCH, 3),
+    "axis": (N_BRANCH, N_COORD, 3),
+    "link_a": (N_BRANCH, 3),
+}
+
+
 def _tendons_of(hand: dict, branch: int) -> list[tuple[Array, float]]:
     """(moment arms (3) m, stiffness N/m) of a branch's tendons; `branch` is an index or a name in the manifest."""
     name = hand["branches"][branch]
@@ -53,6 +64,18 @@ def gated_tendons(hand: dict) -> list[int]:
 
 def nominal_from_hand(hand: dict) -> Nominal:
     """Read the `hand` entry of a manifest. Raises AminnError if it does not describe a three-branch hand."""
+    try:
+        nominal = _nominal_from_hand(hand)
+    except (KeyError, IndexError, TypeError, ValueError) as error:  # LinAlgError is a ValueError
+        raise AminnError(f"manifest: hand is damaged ({type(error).__name__}: {error}); simulate again") from error
+    for name, shape in NOMINAL_SHAPES.items():
+        found = getattr(nominal, name)
+        if found.shape != shape or not np.isfinite(found).all():
+            raise AminnError(f"manifest: hand gives {name} of shape {found.shape}, expected {shape} finite numbers")
+    return nominal
+
+
+def _nominal_from_hand(hand: dict) -> Nominal:
     joints = tuple(tuple(row) for row in hand["branch_joints"])
     if joints != BRANCH_JOINTS:
         raise AminnError(f"manifest: hand.branch_joints is {joints}, this version knows {BRANCH_JOINTS} alone")

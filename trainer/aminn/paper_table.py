@@ -10,8 +10,7 @@ from pathlib import Path
 import click
 
 from aminn_base.files import write_atomically
-
-from .cli import Messages
+from aminn_base.program import Messages
 
 Report = dict[str, float | int | str | None]
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import base64
 import io
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -21,22 +20,17 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
-from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
+from aminn_base.read import read_json
 
+from .evaluate import BASELINES, KIND_NAMES
 from .grasp_picture import GraspPicture, draw_grasp
 from .metrics import COLUMNS
 
 Array = NDArray[np.float64]
 Value = float | int | str | bool | None
 
-NAMES = {
-    "aminn": "AMINN",
-    "mlp": "MLP",
-    "analytical": "analytical",
-    "no_motion": "no motion",
-    "label": "ground truth",
-}
+NAMES = KIND_NAMES | BASELINES
 COLOURS = {"aminn": "#1f5fa8", "mlp": "#d9772b", "analytical": "#7a7a7a", "label": "#111111"}
 OTHER_COLOURS = ("#3a8f5c", "#8a5aa6", "#b03a48", "#5b8aa6")
 GRID = "#dddddd"
@@ -329,8 +323,8 @@ def format_value(value: Value, form: str | None = None) -> str:
         return "–"
     if isinstance(value, bool):
         return "yes" if value else "no"
-    if isinstance(value, str):
-        return value
+    if not isinstance(value, int | float):
+        return str(value)
     if form is None:
         form = "{:d}" if isinstance(value, int) else "{:.4g}"
     return form.format(int(value) if form == "{:d}" else value)
@@ -346,12 +340,7 @@ def read_reports(folder: Path, page: Path) -> dict[str, dict[str, Value]]:
     for file in sorted(folder.glob("*.json")):
         if file.stem == page.stem:
             continue
-        try:
-            figures = json.loads(file.read_text())
-        except ValueError as error:
-            raise AminnError(f"{file}: not a report ({error}); remove it, or run what wrote it again") from error
-        if isinstance(figures, dict):
-            found[file.stem] = figures
+        found[file.stem] = read_json(file, "a report (remove it, or run again what wrote it)")
     return found
 
 

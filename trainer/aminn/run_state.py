@@ -18,6 +18,7 @@ from torch import Tensor
 
 from aminn_base.errors import OutdatedError
 from aminn_base.files import write_atomically
+from aminn_base.read import json_object
 
 FILE = "unfinished.safetensors"
 
@@ -72,16 +73,22 @@ def load_run(folder: Path, identity: dict) -> RunState | None:
     try:
         with safe_open(path, "pt") as file:
             metadata = file.metadata() or {}
-            found, progress = json.loads(metadata["identity"]), json.loads(metadata["progress"])
+            found, progress = (json_object(metadata[name]) for name in ("identity", "progress"))
             tensors = {name: file.get_tensor(name) for name in file.keys()}
-    except (SafetensorError, KeyError, json.JSONDecodeError) as error:
-        raise OutdatedError(f"{path}: the unfinished run there is damaged ({error}); remove the folder") from error
+    except (SafetensorError, KeyError, ValueError, OSError) as error:
+        raise damaged(folder, error) from error
     if found != json.loads(json.dumps(identity)):
         raise OutdatedError(
             f"{folder}: holds an unfinished run that differs in {', '.join(differences(found, identity))}; "
             "remove the folder or give another one"
         )
     return RunState(tensors, progress)
+
+
+def damaged(folder: Path, error: Exception) -> OutdatedError:
+    """What to say of the unfinished run in `folder` where it cannot be gone on with."""
+    text = f"{type(error).__name__}: {error}" if isinstance(error, KeyError | AttributeError) else str(error)
+    return OutdatedError(f"{folder / FILE}: the unfinished run there is damaged ({text}); remove the folder")
 
 
 def clear_run(folder: Path) -> None:

@@ -15,9 +15,9 @@ import numpy as np
 import torch
 
 from aminn_base.files import write_json
+from aminn_base.program import Messages
 
 from .checkpoint import build_model
-from .cli import Messages
 from .config import TrainConfig
 from .dataset import Dataset, load_dataset
 from .nominal import nominal_from_hand

@@ -21,10 +21,11 @@ from tqdm import tqdm
 
 from aminn_base.errors import AminnError, OutdatedError, WriteError
 from aminn_base.lock import locked_folder
+from aminn_base.read import AnyPath
 
 from .baseline import n_parameters
 from .card import write_card
-from .checkpoint import META, Checkpoint, build_model, load_checkpoint, save_checkpoint
+from .checkpoint import CARD, META, Checkpoint, build_model, load_checkpoint, save_checkpoint
 from .config import LossWeights, TrainConfig
 from .dataset import Dataset
 from .dims import N_BRANCH, N_WRENCH
@@ -37,6 +38,7 @@ from .run_state import (
     FILE,
     RunState,
     clear_run,
+    damaged,
     differences,
     load_run,
     named,
@@ -306,7 +308,11 @@ def _finished(out: Path, identity: dict) -> Checkpoint | None:
 
 
 def train(
-    config: TrainConfig, dataset: Dataset, out: Path, bar_position: int = 0, tensorboard: bool = False
+    config: TrainConfig,
+    dataset: Dataset,
+    out: AnyPath,
+    bar_position: int = 0,
+    tensorboard: bool = False,
 ) -> Checkpoint:
     """Train on `dataset` and write the checkpoint and its model card to folder `out`.
 
@@ -314,6 +320,7 @@ def train(
     `bar_position` is the line of the progress bar, for runs side by side; `tensorboard` writes curves to
     out/tensorboard. One process works in a folder at a time: InUseError names the other one.
     """
+    out = Path(out)
     parts = {"train": dataset.split("train", config.train_fraction), "validation": dataset.split("validation")}
     _check_parts(parts)
     identity = identity_of(config, dataset.sha256)
@@ -335,11 +342,21 @@ def train(
         history = _optimise(model, stages, config, out, identity, resumed, bar_position, tensorboard)
         meta = _result(model, parts, dataset.manifest)
         meta |= {"seed": config.seed, "identity": identity, "history": history}
+        (out / CARD).unlink(missing_ok=True)  # it would be held against the new files
         save_checkpoint(out, model, meta)
         checkpoint = load_checkpoint(out)
         write_card(checkpoint)
         clear_run(out)
     return checkpoint
+
+
+@contextmanager
+def _whole_run(out: Path) -> Iterator[None]:
+    """Raises AminnError where what is done with the unfinished run in `out` finds something missing in it."""
+    try:
+        yield
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError, RuntimeError) as error:
+        raise damaged(out, error) from error
 
 
 def _optimise(
@@ -355,15 +372,18 @@ def _optimise(
     """Train the stages in turn, from `resumed` on, and leave each with its best weights; returns the history."""
     progress: dict = {"stage": 0, "epoch": 0, "history": {}}
     if resumed is not None:
-        model.load_state_dict(resumed.part("model"))
-        progress = {k: resumed.progress[k] for k in progress}
+        with _whole_run(out):
+            model.load_state_dict(resumed.part("model"))
+            progress = {k: resumed.progress[k] for k in progress}
+            _ = range(len(stages))[progress["stage"]], range(progress["epoch"])
     board = _Board(out / BOARD if tensorboard else None, progress["stage"] * config.epochs + progress["epoch"])
     for index in range(progress["stage"], len(stages)):
         loop = _Loop(stages[index], config)
         loop.seed(index)
         done = 0
         if resumed is not None and index == progress["stage"]:
-            loop.restore(resumed)
+            with _whole_run(out):
+                loop.restore(resumed)
             done = progress["epoch"]
         progress["history"][loop.stage.name] = loop.history
         bar = _progress_bar(f"{config.kind} {loop.stage.name}", done, config.epochs, bar_position)

@@ -25,6 +25,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from aminn_base.errors import AminnError
 from aminn_base.files import write_json
+from aminn_base.program import Messages
 
 from .bin_model import BinModel, read_bin_model
 from .golden import GOLDEN_FILE
@@ -193,7 +194,7 @@ def format_bench(report: Report) -> str:
 FOLDER = click.Path(path_type=Path, file_okay=False, exists=True)
 
 
-@click.command()
+@click.command(cls=Messages)
 @click.option(
     "--model", "model_dir", type=FOLDER, default=Path("tests/golden"), show_default=True, help="Exported model."
 )
@@ -207,10 +208,7 @@ FOLDER = click.Path(path_type=Path, file_okay=False, exists=True)
 )
 def main(model_dir: Path, vectors: Path | None, build_dir: Path, rounds: int, json_file: Path) -> None:
     """Time the compiled runtime beside its floor and beside ONNX Runtime."""
-    try:
-        report = bench(model_dir, vectors or model_dir / GOLDEN_FILE, build_dir, rounds)
-    except (AminnError, OSError) as error:
-        raise click.ClickException(str(error)) from error
+    report = bench(model_dir, vectors or model_dir / GOLDEN_FILE, build_dir, rounds)
     write_json(json_file, report)
     click.echo(format_bench(report))
     click.echo(f"figures: {json_file}")

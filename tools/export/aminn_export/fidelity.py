@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from aminn.dataset import load_dataset
 from aminn.dims import INPUT_SHAPES, OUTPUT_SHAPES
-from aminn_base.errors import AminnError
 from aminn_base.files import refuse_inputs, write_json
+from aminn_base.program import Messages
 
 from .adversarial import KINDS, adversarial_states
 from .bin_model import BinModel, read_bin_model
@@ -246,7 +246,7 @@ def format_figures(f: Figures) -> str:
 FOLDER = click.Path(path_type=Path, file_okay=False, exists=True)
 
 
-@click.command()
+@click.command(cls=Messages)
 @click.option(
     "--model", "model_dir", type=FOLDER, default=Path("tests/golden"), show_default=True, help="Exported model."
 )
@@ -267,12 +267,9 @@ def main(
     model_dir: Path, data: Path, work: Path, states: int, targets: str, stride: int, jobs: int, json_file: Path
 ) -> None:
     """Measure the numerical fidelity of the runtime on all targets."""
-    try:
-        refuse_inputs(json_file, [*model_dir.glob("*"), *data.glob("*")])
-        figures = fidelity(model_dir, data, work, states, tuple(targets.split(",")), stride, jobs)
-        write_json(json_file, figures)
-    except (AminnError, OSError) as error:
-        raise click.ClickException(str(error)) from error
+    refuse_inputs(json_file, [*model_dir.glob("*"), *data.glob("*")])
+    figures = fidelity(model_dir, data, work, states, tuple(targets.split(",")), stride, jobs)
+    write_json(json_file, figures)
     click.echo(format_figures(figures))
     if figures["aims_missed"]:
         click.echo(f"aims missed: {figures['aims_missed']}")

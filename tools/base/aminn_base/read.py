@@ -1,0 +1,95 @@
+"""Text files as people and other programs hand them over: any of them may be empty, cut short or of another kind."""
+
+from __future__ import annotations
+
+import json
+import os
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from .errors import AminnError, OutdatedError
+
+AnyPath = str | os.PathLike[str]
+"""A place in the file system as a caller may write it."""
+
+
+def read_text(path: AnyPath) -> str:
+    """The text of a UTF-8 file, with or without a byte-order mark; whatever the locale says, lines end in LF.
+
+    Raises AminnError where it cannot be read or is of another encoding.
+    """
+    try:
+        return Path(path).read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
+    except OSError as error:
+        raise AminnError(f"{path}: cannot be read ({error.strerror})") from error
+    except UnicodeDecodeError as error:
+        raise AminnError(f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8, or make it again") from error
+
+
+def read_json(path: AnyPath, what: str) -> dict[str, Any]:
+    """The object in a JSON file that should be `what`, as in "the manifest of a data set".
+
+    Raises AminnError where it cannot be read, OutdatedError where it is no JSON or holds something else than names and
+    values.
+    """
+    text = read_text(path)
+    if not text.strip("\0 \n\t"):
+        raise OutdatedError(f"{path}: is empty, expected {what}; make it again")
+    try:
+        return json_object(text, what)
+    except ValueError as error:
+        raise OutdatedError(f"{path}: not {what}: {error}") from error
+
+
+def json_object(text: str, what: str = "names and values") -> dict[str, Any]:
+    """The object in a JSON text. Raises ValueError with what is wrong."""
+    try:
+        value = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise ValueError(f"not valid JSON ({error})") from error
+    except RecursionError as error:
+        raise ValueError("not valid JSON (nested too deeply)") from error
+    if not isinstance(value, dict):
+        raise ValueError(f"it holds {_kind(value)}, expected names and values")
+    return value
+
+
+def read_toml(path: AnyPath) -> dict[str, Any]:
+    """The table in a TOML file. Raises AminnError where it cannot be read or is no TOML."""
+    try:
+        return tomllib.loads(read_text(path))
+    except (ValueError, RecursionError) as error:
+        raise AminnError(f"{path}: not valid TOML ({error})") from error
+
+
+def require(source: AnyPath, table: Mapping[str, Any], keys: Mapping[str, type | tuple[type, ...]], do: str) -> None:
+    """Raise OutdatedError unless `table` has every key, of its type; `do` is the remedy."""
+    missing = [key for key in keys if key not in table]
+    if missing:
+        raise OutdatedError(f"{source}: {', '.join(missing)} missing; {do}")
+    for key, kind in keys.items():
+        value = table[key]
+        if not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool):
+            raise OutdatedError(f"{source}: {key} is {_kind(value)}, expected {_expected(kind)}; {do}")
+
+
+_KINDS: dict[type, str] = {
+    dict: "a table",
+    list: "a list",
+    str: "a text",
+    int: "an integer",
+    float: "a number",
+    bool: "true or false",
+    type(None): "nothing",
+}
+
+
+def _expected(kind: type | tuple[type, ...]) -> str:
+    kinds = kind if isinstance(kind, tuple) else (kind,)
+    return _KINDS[float] if float in kinds else " or ".join(_KINDS[k] for k in kinds)
+
+
+def _kind(value: object) -> str:
+    return _KINDS.get(type(value), type(value).__name__)
