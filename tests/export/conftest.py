@@ -16,8 +16,11 @@ from runtime_models import RandomModel, random_model  # noqa: E402
 from synthetic import hand, write_dataset  # noqa: E402
 
 from aminn.checkpoint import save_checkpoint  # noqa: E402
+from aminn.config import TrainConfig  # noqa: E402
+from aminn.dataset import load_dataset  # noqa: E402
 from aminn.model import Aminn, ModelConfig  # noqa: E402
 from aminn.nominal import nominal_from_hand  # noqa: E402
+from aminn.train import identity_of  # noqa: E402
 from aminn_export.export import write_model_files  # noqa: E402
 
 
@@ -54,7 +57,9 @@ def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def checkpoint_dir(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An untrained AMINN."""
-    folder = tmp_path_factory.mktemp("checkpoint") / "aminn"
-    save_checkpoint(folder, Aminn(ModelConfig(), nominal_from_hand(hand())), {"tau": 0.5173})
+    """An untrained AMINN that says it was trained on the made-up data set."""
+    folder, data = tmp_path_factory.mktemp("checkpoint") / "aminn", load_dataset(data_dir)
+    identity = identity_of(TrainConfig(), data.sha256)
+    meta = {"tau": 0.5173, "identity": identity, "data": {}, "data_config_sha256": data.manifest["config_sha256"]}
+    save_checkpoint(folder, Aminn(ModelConfig(), nominal_from_hand(hand())), meta)
     return folder

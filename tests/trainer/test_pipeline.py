@@ -13,6 +13,7 @@ from aminn.config import TrainConfig
 from aminn.dataset import Dataset, load_dataset
 from aminn.paper_table import filled, write_tables
 from aminn.pipeline import anew_if_outdated
+from aminn.regimes import FRICTION_MAX, NEW_FAMILY, regimes, told
 from aminn.train import train
 from aminn_base.errors import AminnError, InUseError, WriteError
 
@@ -57,12 +58,12 @@ def test_variants_of_a_study_differ_and_share_the_rest() -> None:
 
 
 def test_regimes_differ_from_the_training_data_in_one_respect(dataset: Dataset) -> None:
-    masks = study.regimes(dataset)
+    masks = regimes(dataset)
     assert sum(m.astype(int) for m in masks.values()).max() == 1
     family = np.asarray(dataset.manifest["tool_families"])[dataset.grasps["tool_family"][dataset.grasp_rows()]]
-    assert set(family[masks["new_family"]]) == {study.NEW_FAMILY} and study.NEW_FAMILY not in family[masks["iid"]]
+    assert set(family[masks["new_family"]]) == {NEW_FAMILY} and NEW_FAMILY not in family[masks["iid"]]
     friction = dataset.grasps["friction"][dataset.grasp_rows()]
-    assert friction[masks["new_friction"]].min() > study.FRICTION_MAX >= friction[masks["iid"]].max()
+    assert friction[masks["new_friction"]].min() > FRICTION_MAX >= friction[masks["iid"]].max()
 
 
 def test_study_gathers_mean_and_spread_over_runs() -> None:
@@ -88,11 +89,11 @@ def test_a_study_writes_its_table_and_goes_on(data_dir: Path, tmp_path: Path, mo
 
 
 def test_what_is_told_stands_among_the_inputs_and_changes_the_identity(dataset: Dataset) -> None:
-    told = study.told(dataset, "friction")
-    np.testing.assert_array_equal(told.samples["x_ht"][:, 3], dataset.grasps["friction"][dataset.grasp_rows()])
-    np.testing.assert_array_equal(told.samples["x_ht"][:, :3], dataset.samples["x_ht"][:, :3])
-    assert told.sha256 != dataset.sha256 and study.told(dataset, "") is dataset
-    assert study.told(dataset, "pretension").samples["x_ht"][0, 3] == dataset.grasps["tendon_tension_N"][0, 0] / 20
+    with_friction = told(dataset, "friction")
+    np.testing.assert_array_equal(with_friction.samples["x_ht"][:, 3], dataset.grasps["friction"][dataset.grasp_rows()])
+    np.testing.assert_array_equal(with_friction.samples["x_ht"][:, :3], dataset.samples["x_ht"][:, :3])
+    assert with_friction.sha256 != dataset.sha256 and told(dataset, "") is dataset
+    assert told(dataset, "pretension").samples["x_ht"][0, 3] == dataset.grasps["tendon_tension_N"][0, 0] / 20
 
 
 def test_marked_tables_are_written_anew() -> None:
@@ -111,4 +112,4 @@ def test_ablation_is_judged_on_validation_grasps_alone(dataset: Dataset) -> None
 def test_a_data_set_without_the_held_out_family_is_refused(dataset: Dataset) -> None:
     other = replace(dataset, manifest=dataset.manifest | {"tool_families": ["capsule", "cylinder", "cup", "box"]})
     with pytest.raises(AminnError, match="no ellipsoid among its tools"):
-        study.regimes(other)
+        regimes(other)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -26,6 +28,7 @@ from .metrics import (
 )
 from .model import Backbone, scaled_pose
 from .nominal import nominal_from_hand
+from .origin import check_hand, same_configuration, states_of, training_set
 from .predict import predict
 
 Array = NDArray[np.float64]
@@ -53,28 +56,50 @@ class Evaluation:
     """The ground truth's own figures: stable share, passivity, noise floor."""
     predictions: dict[str, Prediction]
     data: Dataset
+    notes: tuple[str, ...] = ()
+    """What must be said beside the figures."""
+
+
+BASELINES = {"analytical": "analytical", "no_motion": "no motion", "label": "ground truth"}
+"""What stands beside the runs in every table, and how pages call it. No run has one of these names."""
+KIND_NAMES = {"aminn": "AMINN", "mlp": "MLP"}
 
 
 def names_of(checkpoints: list[Checkpoint]) -> list[str]:
-    """A row's name for each: its kind, or its folder where a kind stands more than once."""
+    """A row's name for each run: its kind, or its folder where a kind stands more than once.
+
+    As much of the folder's path as tells them apart; "run NAME" where a baseline or a kind has that name already.
+    Raises AminnError for a run that is given twice.
+    """
+    places = [c.path.resolve() for c in checkpoints]
+    if len(set(places)) < len(places):
+        raise AminnError(f"{max(places, key=places.count)}: this run is given twice; give each run once")
     kinds = [c.model.kind for c in checkpoints]
-    names = [kind if kinds.count(kind) == 1 else c.path.name for kind, c in zip(kinds, checkpoints, strict=True)]
-    if len(set(names)) < len(names):
-        raise AminnError(
-            f"two runs are both called {max(names, key=names.count)!r}; give runs in folders of other names"
-        )
+    shared = [place for place, kind in zip(places, kinds, strict=True) if kinds.count(kind) > 1]
+    taken = {_key(text) for names in (BASELINES, KIND_NAMES) for pair in names.items() for text in pair}
+    names = []
+    for place, kind in zip(places, kinds, strict=True):
+        name = _tail(place, shared) if place in shared else kind
+        if place in shared and _key(name) in taken - {kind}:
+            name = f"run {name}"
+        while _key(name) in map(_key, names):
+            name += "_"
+        names.append(name)
     return names
 
 
-def check_hand(checkpoint: Checkpoint, data: Dataset) -> None:
-    """Raises AminnError if the data are of another hand than the model."""
-    mine, other = asdict(checkpoint.model.nominal), asdict(nominal_from_hand(data.manifest["hand"]))
-    wrong = [name for name, value in mine.items() if not np.allclose(value, other[name], rtol=1e-5, atol=1e-9)]
-    if wrong:
-        raise AminnError(
-            f"{checkpoint.path}: trained for another hand than that of the data set (they differ in "
-            f"{', '.join(wrong)}); give data of its own hand"
-        )
+def _tail(place: Path, others: list[Path]) -> str:
+    """The end of a folder's path that no other has."""
+    for n in range(1, len(place.parts)):
+        tail = place.parts[-n:]
+        if sum(other.parts[-n:] == tail for other in others) == 1:
+            break
+    return "/".join(tail)
+
+
+def _key(name: str) -> str:
+    """A name as part of a flat key."""
+    return re.sub(r"\W+", "_", name).lower()
 
 
 def learned(checkpoint: Checkpoint, data: Dataset, name: str) -> Prediction:
@@ -146,24 +171,46 @@ def noise_floor(data: Dataset) -> dict[str, float]:
     return figures
 
 
-def evaluate(checkpoints: list[Checkpoint], dataset: Dataset, split: str = "test") -> Evaluation:
+def evaluate(
+    checkpoints: list[Checkpoint], dataset: Dataset, split: str = "test", trained_on: Dataset | None = None
+) -> Evaluation:
     """Figures on one split of `dataset`.
 
-    Raises AminnError if a checkpoint was trained on data of another configuration. More grasps of the same one are
-    welcome: they do not move between splits.
+    More grasps of the data that a model was trained on are welcome: they do not move between splits. Data of another
+    configuration or seed are noted; `trained_on`, the data set of the training, then says which of its grasps are
+    among them, and these are left out. Raises AminnError for data of another hand, for a split without a load case, and
+    where none of its cases is stable.
     """
+    notes = []
     for checkpoint in checkpoints:
         check_hand(checkpoint, dataset)
-        if checkpoint.meta["data_config_sha256"] != dataset.manifest["config_sha256"]:
-            raise AminnError(
-                f"{checkpoint.path}: trained on another data set (configuration "
-                f"{checkpoint.meta['data_config_sha256'][:12]}, this one is {dataset.manifest['config_sha256'][:12]}); "
-                "its training grasps may stand in this split"
-            )
+        if not same_configuration(checkpoint, dataset):
+            notes.append(f"{checkpoint.path} was trained on data of another configuration or seed")
     data = dataset.split(split)
-    if not len(data):
-        raise AminnError(f"the {split} split is empty; simulate more grasps")
-    return compare(checkpoints, data, dataset.split("validation"), split)
+    if notes and trained_on is None:
+        notes.append(f"its training grasps may stand in this {split} split; give --trained-on to leave them out")
+    elif trained_on is not None:
+        data, left_out = _without_training(checkpoints, data, trained_on)
+        notes.append(f"{left_out} load cases of training grasps are left out")
+    for name, part in ((split, data), ("validation", dataset.split("validation"))):
+        if not len(part):
+            raise AminnError(f"the {name} split is empty; simulate more grasps")
+        if not (part.samples["stable"] > 0).any():
+            raise AminnError(
+                f"none of the {len(part)} load cases of the {name} split is stable, and figures are over stable ones; "
+                "simulate more grasps, or smaller loads"
+            )
+    return replace(compare(checkpoints, data, dataset.split("validation"), split), notes=tuple(notes))
+
+
+def _without_training(checkpoints: list[Checkpoint], data: Dataset, trained_on: Dataset) -> tuple[Dataset, int]:
+    """`data` without grasps that a model was trained or chosen on, and how many load cases those are."""
+    seen = np.zeros(len(data), bool)
+    for checkpoint in checkpoints:
+        used = training_set(checkpoint, trained_on)
+        for part in ("train", "validation"):
+            seen |= np.isin(states_of(data), states_of(used.split(part)))
+    return data.take(~seen), int(seen.sum())
 
 
 def compare(checkpoints: list[Checkpoint], data: Dataset, validation: Dataset, name: str) -> Evaluation:
@@ -183,10 +230,17 @@ def figures_of(p: Prediction, data: Dataset) -> dict[str, float]:
 
 
 def flat_report(evaluation: Evaluation) -> dict[str, float | str]:
-    """The evaluation as flat keys, `<model>_<figure>` and `label_<figure>`; NaN where there is nothing to average."""
-    report: dict[str, float | str] = {"split": evaluation.split}
+    """The evaluation as flat keys, `<model>_<figure>` and `label_<figure>`; NaN where there is nothing to average.
+
+    Raises AminnError where names of two runs are such that their keys are the same.
+    """
+    report: dict[str, float | str] = {"split": evaluation.split, "notes": "; ".join(evaluation.notes)}
     for name, figures in (*evaluation.table.items(), ("label", evaluation.labels)):
-        report |= {f"{name}_{key}": value for key, value in figures.items()}
+        for key, value in figures.items():
+            whole = f"{_key(name)}_{key}"
+            if whole in report:
+                raise AminnError(f"two figures are both called {whole}; rename the folder of the run {name}")
+            report[whole] = value
     return report
 
 
@@ -205,11 +259,15 @@ def format_table(evaluation: Evaluation) -> str:
     """The table that the commands print."""
     rows = [["model", *(c.title for c in COLUMNS.values())], ["", *(c.unit for c in COLUMNS.values())]]
     for name, figures in evaluation.table.items():
-        rows.append([name, *(c.form.format(figures[key]) for key, c in COLUMNS.items())])
+        rows.append([name, *_cells(figures)])
     own = truth(evaluation)
-    cells = (c.form.format(own[key]) if key in own else "-" for key, c in COLUMNS.items())
-    rows.append(["ground truth", *cells])
-    return format_columns(rows)
+    rows.append(["ground truth", *_cells(own)])
+    return "\n".join([format_columns(rows), *evaluation.notes])
+
+
+def _cells(figures: dict[str, float]) -> list[str]:
+    """A row of the table; a dash where there is no number."""
+    return [c.form.format(figures[k]) if np.isfinite(figures.get(k, np.nan)) else "-" for k, c in COLUMNS.items()]
 
 
 def align_columns(rows: list[list[str]]) -> list[str]:
@@ -226,10 +284,7 @@ def format_columns(rows: list[list[str]]) -> str:
 
 def training_grasps_in(dataset: Dataset, split: str) -> int:
     """Number of grasps of `split` that training has seen, by number or by state (q, x_ht)."""
-
-    def seen(name: str) -> tuple[set[int], set[bytes]]:
-        s = dataset.split(name).samples
-        return set(s["grasp_id"].tolist()), {row.tobytes() for row in np.hstack([s["q"], s["x_ht"]])}
-
-    (ids, states), (train_ids, train_states) = seen(split), seen("train")
-    return max(len(ids & train_ids), len(states & train_states))
+    part, train = dataset.split(split), dataset.split("train")
+    same_id = np.intersect1d(part.samples["grasp_id"], train.samples["grasp_id"])
+    same_state = {s.tobytes() for s in states_of(part)} & {s.tobytes() for s in states_of(train)}
+    return max(len(same_id), len(same_state))

@@ -19,9 +19,9 @@ from aminn_base.files import write_atomically
 from .checkpoint import Checkpoint
 from .dataset import Dataset
 from .dims import BRANCHES, COORDS, LENGTH_SCALE_M
-from .evaluate import check_hand
 from .metrics import pose_error, pose_size
 from .nominal import CHOL_COLS, CHOL_ROWS
+from .origin import check_hand, same_configuration
 
 Array = NDArray[np.float64]
 PICTURES = (".png", ".svg", ".pdf")
@@ -45,6 +45,7 @@ class Explanation:
     dx: Array  # (6,) predicted motion
     nominal_stiffness: Array  # (3, 3) diagonal of the nominal springs, N.m/rad
     mask: Array  # (3, 3) 1 where a branch has the coordinate
+    of_training: bool = True  # whether the model was trained on data of this configuration and seed
 
     def row(self, name: str) -> Array:
         """A field of the load case."""
@@ -105,6 +106,7 @@ def explain_sample(checkpoint: Checkpoint, data: Dataset, sample: int) -> Explan
         value["dx_ht"],
         np.diagonal(lower @ lower.transpose(0, 2, 1), axis1=1, axis2=2),
         nominal.coord_mask,
+        same_configuration(checkpoint, data),
     )
 
 
@@ -125,6 +127,8 @@ def as_text(e: Explanation) -> str:
         f"  predicted   {_motion(e.dx)}",
         f"  simulated   {_motion(true)}" + ("" if held else "  (gave way: the model is not trained on such motion)"),
     ]
+    if not e.of_training:
+        lines.append("  data        of another configuration or seed than the model was trained on")
     if held:
         share = pose_error(e.dx[None], true[None])[0] / max(pose_size(true[None])[0], 1e-9)
         lines.append(f"  error       {share:.1%} of the motion")

@@ -81,9 +81,9 @@ def run_verify(
     return done
 
 
-def _report_data(labels: dict, manifest: dict) -> dict[str, float | int | str]:
+def _report_data(labels: dict, manifest: dict) -> dict[str, float | int | str | None]:
     """What the page says of the data."""
-    whole = {"simulator": manifest["simulator"], "seed": manifest["seed"]}
+    whole = {"simulator": manifest.get("simulator"), "seed": manifest.get("seed")}
     whole |= {"grasps, in all": manifest["n_grasps"], "load cases, in all": manifest["n_samples"]}
     return whole | {f"test split: {name.replace('_', ' ')}": value for name, value in labels.items()}
 
@@ -140,6 +140,7 @@ def run_report(
         grasp=_example_grasp(result),
         verification=differences,
         reports=read_reports(reports, out) if reports else {},
+        notes=result.notes,
         dataset=_report_data(result.labels, result.data.manifest),
     )
     write_report(inputs, out)

@@ -10,7 +10,9 @@ from pathlib import Path
 from aminn.checkpoint import load_checkpoint
 from aminn.dataset import Dataset, load_dataset
 from aminn.export_tables import export_tables
+from aminn.origin import training_part, training_set
 from aminn_base.errors import AminnError
+from aminn_base.read import AnyPath
 
 from .bin_model import BinModel, write_bin_model
 from .c_model import write_c_model
@@ -19,7 +21,7 @@ from .golden import GOLDEN_FILE, inputs_of, write_golden
 from .known_answer import informative_state, runtime
 from .layout import WEIGHT_CODES, checked_name, default_name
 from .onnx_model import DEBUG_FILE, ONNX_FILE, write_onnx
-from .ranges import training_ranges, unknown_ranges
+from .ranges import state_ranges, unknown_ranges
 from .tables import Exported
 from .weights import float16_model, rounding_error
 
@@ -68,10 +70,10 @@ def _rounded(exported: BinModel, dataset: Dataset | None) -> tuple[BinModel, str
 
 
 def export(
-    checkpoint_dir: Path,
-    out_dir: Path,
+    checkpoint_dir: AnyPath,
+    out_dir: AnyPath,
     prefix: str = "aminn_model",
-    data_dir: Path | None = None,
+    data_dir: AnyPath | None = None,
     weights: str = "float32",
     name: str | None = None,
 ) -> list[str]:
@@ -81,15 +83,18 @@ def export(
     the inputs in training. Without one there are no golden vectors, and the runtime takes no input for out of range.
     `name` is what the model says that it is, on the target too; the prefix where it is not given.
     `weights` is "float32", or "float16" for half the flash. Nothing appears in `out_dir` before all files are
-    complete. Raises AminnError for a checkpoint or data set that cannot be used.
+    complete. Raises AminnError for a checkpoint or data set that cannot be used, and for data that the model was not
+    trained on, with what differs.
     """
+    out_dir = Path(out_dir)
     if weights not in WEIGHT_CODES:
         raise AminnError(f"export: weights is {weights!r}, expected one of {', '.join(WEIGHT_CODES)}")
     check_prefix(prefix)
     _check_files(out_dir, prefix)
-    tables = export_tables(load_checkpoint(checkpoint_dir))
-    dataset = load_dataset(data_dir) if data_dir is not None else None
-    ranges = training_ranges(dataset) if dataset is not None else unknown_ranges()
+    checkpoint = load_checkpoint(checkpoint_dir)
+    tables = export_tables(checkpoint)
+    dataset = training_set(checkpoint, load_dataset(data_dir)) if data_dir is not None else None
+    ranges = state_ranges(training_part(checkpoint, dataset).samples) if dataset is not None else unknown_ranges()
     identity = {"made_by": f"aminn {runtime().version()}"}
     identity["name"] = default_name(prefix) if name is None else checked_name("name", name)
     exported, lines = BinModel(tables.meta | identity, tables.tensors | ranges), []

@@ -10,8 +10,6 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from aminn.dataset import SPLITS, Dataset, split_of
-
 from .layout import N_STATE
 
 MARGIN = 0.05
@@ -47,12 +45,6 @@ def within_ranges(inputs: dict[str, NDArray], ranges: Mapping[str, NDArray[np.fl
     values, counts = _values(inputs)
     values = values.astype(np.float32)
     return ((values >= ranges["range_min"]) & (values <= ranges["range_max"]) | ~counts).all(1)
-
-
-def training_ranges(dataset: Dataset) -> dict[str, NDArray[np.float32]]:
-    """Ranges over the training split."""
-    rows = np.flatnonzero(split_of(dataset.samples["grasp_id"]) == SPLITS.index("train"))
-    return state_ranges(dataset.take(rows).samples)
 
 
 def unknown_ranges() -> dict[str, NDArray[np.float32]]:
