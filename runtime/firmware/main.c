@@ -193,7 +193,7 @@ int main(void)
         __asm volatile("udf #0");
     }
     if (strcmp(vectors, "--self-test") == 0) {
-        return run_self_test();
+        return run_self_test(&ctx);
     }
     if (strcmp(vectors, "--serial") == 0) {
         return run_serial();

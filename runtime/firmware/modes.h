@@ -2,13 +2,15 @@
 #ifndef MODES_H
 #define MODES_H
 
+#include "aminn_rt.h"
+
 /* firmware --control FRAMES.bin: a 1 kHz loop on the states of a vector file. */
 int run_control(const char *frames);
 
 /* firmware --serial: answers questions on the board's UART for ever (docs/runtime.md has the protocol). */
 int run_serial(void);
 
-/* firmware --self-test: the self-test under other modes of the FPU, each of which it must name. */
-int run_self_test(void);
+/* firmware --self-test: the self-test of an initialised context under other modes of the FPU, each of which it must name. */
+int run_self_test(aminn_t *ctx);
 
 #endif

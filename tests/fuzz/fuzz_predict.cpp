@@ -80,6 +80,18 @@ void check_status(const aminn_input_t &in, int n_floats, aminn_status_t status)
     }
 }
 
+// the field that is named is why it is noted
+void check_range(const aminn_input_t &in, aminn_status_t status)
+{
+    aminn_state_t state;
+    std::memcpy(&state, &in, sizeof state);
+    const int first = aminn_first_out_of_range(&aminn_model, &state);
+    FUZZ_CHECK(first >= -1 && first < AMINN_N_STATE);
+    if (status == AMINN_OK) {
+        FUZZ_CHECK((first >= 0) == ((out.notes & AMINN_NOTE_OUT_OF_RANGE) != 0));
+    }
+}
+
 // a failed call leaves nothing behind
 void check_still_works(Predictor &p)
 {
@@ -121,6 +133,7 @@ void run(Predictor &p, const aminn_input_t &in, bool given_closure)
     const aminn_status_t status = predict(p, in, given_closure);
     FUZZ_CHECK(std::memcmp(&kept, &in, sizeof in) == 0);
     check_status(in, n_floats, status);
+    check_range(in, status);
     count(status, check_prediction(p.ctx, aminn_model, in.w_e, status, out));
     if (!given_closure && expected_refusal(in, n_floats) == AMINN_OK) {
         check_closure(p, in, status);

@@ -62,7 +62,7 @@ def _stage(prefix: str, layout: Layout, i: int) -> list[str]:
 def _braced(values: NDArray[np.float32]) -> str:
     """An initialiser with the nesting of the array's shape."""
     if not values.ndim:
-        return float_literal(values)
+        return float_literal(float(values))
     return "{" + ", ".join(_braced(v) for v in values) + "}"
 
 

@@ -6,6 +6,7 @@ compiled runtime itself, which are the same on every machine, so the same model 
 
 from __future__ import annotations
 
+import importlib
 import zlib
 from types import ModuleType
 
@@ -36,10 +37,9 @@ _GATE = slice(1 + N_WRENCH + N_WRENCH * N_WRENCH, 1 + N_WRENCH + N_WRENCH * N_WR
 def runtime() -> ModuleType:
     """The compiled runtime. Raises AminnError if this installation lacks it."""
     try:
-        from . import _runtime
+        return importlib.import_module("aminn_export._runtime")
     except ImportError as error:
         raise AminnError(f"export: the compiled runtime is missing ({error}); install the package again") from error
-    return _runtime
 
 
 def _unanswered(state: NDArray[np.float32]) -> KnownAnswer:
@@ -73,18 +73,17 @@ def answered(exported: Exported) -> tuple[Layout, KnownAnswer]:
 
 
 def informative_state(exported: Exported, dataset: Dataset) -> list[float]:
-    """The training sample whose bits say most: stable, rightly predicted, p_stable and gates far from 0 and 1."""
+    """The stable training sample whose bits say most: predicted to hold, p_stable and gates far from 0 and 1."""
     samples = dataset.samples
     rows = np.flatnonzero((split_of(samples["grasp_id"]) == SPLITS.index("train")) & (samples["stable"] > 0))
     if not len(rows):
         return list(BUILT_IN_STATE)
-    states = np.concatenate(
-        [np.asarray(samples[name][rows], np.float32).reshape(len(rows), -1) for name in STATE_FIELDS], 1
-    )
+    fields = [np.asarray(samples[name][rows], np.float32).reshape(len(rows), -1) for name in STATE_FIELDS]
+    states = np.concatenate(fields, 1)
     outputs, _, status = _run(layout_of(exported), states)
     numbers = outputs.view(np.float32).astype(np.float64)
-    shares = np.column_stack([numbers[:, :1], numbers[:, _GATE]])  # (N, 4)
-    score = np.where(
-        (status == 0) & (numbers[:, 0] >= float(exported.meta["tau"])), (shares * (1 - shares)).prod(1), -1
-    )
-    return [float(v) for v in states[int(np.argmax(score))]] if score.max() > 0 else list(BUILT_IN_STATE)
+    score = (numbers[:, 0] >= float(exported.meta["tau"])).astype(np.float64)
+    shares = [share * (1 - share) for share in (numbers[:, 0], *numbers[:, _GATE].T)]
+    score += shares[0] * shares[1] * shares[2] * shares[3]
+    score[status != 0] = -1
+    return [float(v) for v in states[int(np.argmax(score))]]

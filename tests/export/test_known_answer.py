@@ -1,0 +1,150 @@
+"""The known answer and the identity that every model carries; the compiled runtime in the Python package."""
+
+from __future__ import annotations
+
+import dataclasses
+import struct
+import subprocess
+import sys
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from runtime_models import RandomModel
+
+from aminn.checkpoint import load_checkpoint
+from aminn.dataset import SPLITS, load_dataset, split_of
+from aminn.export_tables import export_tables
+from aminn_base.errors import AminnError
+from aminn_export import _runtime
+from aminn_export.bin_model import bin_model_bytes, read_bin_model
+from aminn_export.export import export
+from aminn_export.known_answer import BUILT_IN_STATE, answered, runtime
+from aminn_export.ranges import STATE_FIELDS
+from aminn_export.vectors import read_results, read_vectors
+
+GOLDEN = Path(__file__).resolve().parents[1] / "golden"
+
+
+def status_of(blob: bytes) -> str:
+    return _runtime.status_name(_runtime.self_test(blob))
+
+
+def test_the_module_gives_the_bits_of_aminn_replay(build_dir: Path, tmp_path: Path) -> None:
+    replay = next(build_dir.rglob("aminn_replay"))
+    model, vectors, out = GOLDEN / "aminn_model.bin", GOLDEN / "golden.bin", tmp_path / "out.bin"
+    subprocess.run([str(replay), str(model), str(vectors), str(out)], check=True, capture_output=True)
+    inputs, results = read_vectors(vectors).inputs, read_results(out)
+    n = len(inputs["q"])
+    rows = np.concatenate([v.reshape(n, -1) for v in inputs.values()], 1)
+    outputs, stages, status = _runtime.run(model.read_bytes(), rows)
+    replayed = np.concatenate([v.reshape(n, -1) for v in results.outputs.values()], 1)
+    np.testing.assert_array_equal(outputs[:, :46], replayed.view(np.uint32))
+    np.testing.assert_array_equal(outputs[:, 47], results.stable)
+    assert not status.any()
+    assert stages.any(1).all()
+
+
+def test_the_module_refuses_what_is_no_model_and_rows_of_another_length() -> None:
+    state = np.zeros((1, 44), np.float32)
+    with pytest.raises(ValueError, match="not an AMINN model"):
+        _runtime.run(bytes(1000), state)
+    with pytest.raises(ValueError, match=r"44 \(a state\) or 125"):
+        _runtime.run((GOLDEN / "aminn_model.bin").read_bytes(), np.zeros((1, 43), np.float32))
+
+
+def test_every_exported_model_passes_its_self_test(checkpoint_dir: Path, data_dir: Path, tmp_path: Path) -> None:
+    for weights in ("float32", "float16"):
+        for data in (None, data_dir):
+            export(checkpoint_dir, tmp_path / f"{weights}{data is None}", data_dir=data, weights=weights)
+            assert status_of((tmp_path / f"{weights}{data is None}" / "aminn_model.bin").read_bytes()) == "AMINN_OK"
+
+
+def test_a_changed_byte_of_a_sealed_model_is_found(exported: RandomModel) -> None:
+    """What the blob's own CRC-32 would tell is told by the content's where only that of the blob was made right."""
+    blob = bytearray(bin_model_bytes(exported))
+    for at in (76, 80, 143, 160, 320, len(blob) - 384):  # tau, both SHA-256, eps_jq, first table, known answer
+        changed = bytearray(blob)
+        changed[at] ^= 1
+        changed[12:16] = struct.pack("<I", zlib.crc32(changed[16:]))
+        assert status_of(bytes(changed)) == "AMINN_E_CRC", at
+
+
+def test_the_known_state_is_a_stable_training_sample(checkpoint_dir: Path, data_dir: Path, tmp_path: Path) -> None:
+    export(checkpoint_dir, tmp_path / "out", data_dir=data_dir)
+    model = read_bin_model(tmp_path / "out" / "aminn_model.bin")
+    samples = load_dataset(data_dir).samples
+    states = np.concatenate([samples[k].reshape(len(samples["q"]), -1) for k in STATE_FIELDS], 1).astype(np.float32)
+    rows = np.flatnonzero((states == np.asarray(model.meta["known_state"], np.float32)).all(1))
+    assert len(rows) >= 1
+    assert (samples["stable"][rows] > 0).all()
+    assert (split_of(samples["grasp_id"][rows]) == SPLITS.index("train")).all()
+    _, answer = answered(model)
+    assert 0 < answer.output.view(np.float32)[0] < 1
+    assert answer.output[48] == 0  # nothing to note
+
+
+def test_without_data_the_state_is_built_in(exported: RandomModel) -> None:
+    assert read_state(bin_model_bytes(exported)) == list(np.float32(BUILT_IN_STATE))
+
+
+def read_state(blob: bytes) -> list[float]:
+    at = len(blob) - 384
+    return list(np.frombuffer(blob, "<f4", 44, at))
+
+
+def test_identity(checkpoint_dir: Path, data_dir: Path, tmp_path: Path) -> None:
+    export(checkpoint_dir, tmp_path / "a", "left")
+    export(checkpoint_dir, tmp_path / "b", "left", name="Left hand, version 2")
+    first, second = (read_bin_model(tmp_path / folder / "left.bin").meta for folder in ("a", "b"))
+    assert first["name"] == "left" and second["name"] == "Left hand, version 2"
+    assert '.name = "Left hand, version 2"' in (tmp_path / "b" / "left.c").read_text()
+    assert first["made_by"] == f"aminn {_runtime.version()}"
+    assert first["checkpoint_sha256"] == load_checkpoint(checkpoint_dir).sha256
+
+
+def test_hand_and_data_are_those_of_the_training(checkpoint_dir: Path) -> None:
+    checkpoint = load_checkpoint(checkpoint_dir)
+    meta = checkpoint.meta | {"data": {"hand": 'grip"per'}, "data_config_sha256": "ab" * 32}
+    known = export_tables(dataclasses.replace(checkpoint, meta=meta)).meta
+    unknown = export_tables(checkpoint).meta
+    assert known["hand"].startswith("grip-per ") and known["data_sha256"] == "ab" * 32
+    assert known["hand"].split()[-1] == unknown["hand"].split()[-1]
+    assert "data_sha256" not in unknown
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"name": "x" * 56}, "at most 55"),
+        ({"made_by": "x" * 40}, "at most 39"),
+        ({"name": ""}, "printable ASCII"),
+        ({"name": "hände"}, "printable ASCII"),
+        ({"hand": 'a"b'}, "printable ASCII"),
+        ({"data_sha256": "12"}, "data_sha256"),
+        ({"known_state": [0.0] * 44}, "no prediction from the state"),
+    ],
+)
+def test_what_a_model_cannot_carry_is_refused(exported: RandomModel, change: dict, message: str) -> None:
+    with pytest.raises(AminnError, match=message):
+        bin_model_bytes(dataclasses.replace(exported, meta=exported.meta | change))
+
+
+def test_models_of_version_5_are_refused_by_number(build_dir: Path, tmp_path: Path) -> None:
+    blob = bytearray((GOLDEN / "aminn_model.bin").read_bytes())
+    blob[4] = 5
+    (tmp_path / "old.bin").write_bytes(blob)
+    with pytest.raises(AminnError, match="format version 5, this program reads 6; export it again"):
+        read_bin_model(tmp_path / "old.bin")
+    command = [str(next(build_dir.rglob("aminn_replay"))), "old.bin", str(GOLDEN / "golden.bin"), "out.bin"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "AMINN_E_VERSION" in done.stderr and "export it again" in done.stderr
+
+
+def test_without_the_compiled_runtime_the_remedy_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr("aminn_export._runtime")
+    monkeypatch.setitem(sys.modules, "aminn_export._runtime", None)
+    with pytest.raises(AminnError, match="install the package again"):
+        runtime()
