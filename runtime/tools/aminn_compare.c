@@ -134,6 +134,17 @@ static void judge_replay(verdict_t *verdict, const request_t *r)
     }
 }
 
+static void refuse_inputs(const request_t *r, const char *out)
+{
+    const char *inputs[] = {r->model, r->vectors, r->results[0], r->results[1]};
+    size_t i;
+    for (i = 0; out != NULL && i < sizeof inputs / sizeof inputs[0]; ++i) {
+        if (inputs[i] != NULL) {
+            refuse_input(out, inputs[i]);
+        }
+    }
+}
+
 int main(int argc, char **argv)
 {
     verdict_t verdict;
@@ -150,6 +161,8 @@ int main(int argc, char **argv)
     if (r.on_demand && (r.exact || r.n_results == 2)) {
         usage("--on-demand goes with tolerances, not with bits");
     }
+    refuse_inputs(&r, r.json);
+    refuse_inputs(&r, r.junit);
     what = r.results[r.n_results - 1];
     memset(&verdict, 0, sizeof verdict);
     if (r.n_results == 2) {

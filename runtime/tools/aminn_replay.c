@@ -5,7 +5,9 @@
  *
  * Both stages are computed for every sample (AMINN_FLAG_ALWAYS_STAGE2), so that all outputs can be compared. A sample
  * that the runtime refuses is written as the runtime left the outputs, with its status code. Prints a line that says which
- * model it is and what aminn_self_test() finds, and one of figures. Exits with 0, or with 1 and a message on a bad file (no OUT.bin is left then), or with 2 on bad arguments.
+ * model it is and what aminn_self_test() finds, and one of figures; to standard error where OUT.bin is /dev/stdout. Exits
+ * with 0, or with 1 and a message on a bad file or where OUT.bin is one of the inputs (no OUT.bin is left then), or with
+ * 2 on bad arguments.
  *
  * Compiled with -DAMINN_REPLAY_HEADER='"aminn_model.h"' -DAMINN_REPLAY_MODEL=aminn_model and linked with aminn_model.c,
  * it runs that model instead and takes no MODEL.bin:
@@ -34,30 +36,30 @@ static double now_s(void)
 }
 
 /* the first digits of a SHA-256, or "none" where it is not known */
-static void print_digest(const char *what, const uint8_t digest[32])
+static void print_digest(FILE *says, const char *what, const uint8_t digest[32])
 {
     enum { SHOWN = 6 };
     static const uint8_t none[32];
     int i;
-    printf(", %s ", what);
+    fprintf(says, ", %s ", what);
     if (memcmp(digest, none, sizeof none) == 0) {
-        printf("none");
+        fprintf(says, "none");
         return;
     }
     for (i = 0; i < SHOWN; ++i) {
-        printf("%02x", digest[i]);
+        fprintf(says, "%02x", digest[i]);
     }
 }
 
-static void print_identity(const aminn_model_t *model)
+static void print_identity(FILE *says, const aminn_model_t *model)
 {
     static aminn_t ctx;
     aminn_status_t status = aminn_init(&ctx, model, 0);
     status = status == AMINN_OK ? aminn_self_test(&ctx) : status;
-    printf("model %s, hand %s, made by %s", model->name, model->hand, model->made_by);
-    print_digest("checkpoint", model->checkpoint_sha256);
-    print_digest("data", model->data_sha256);
-    printf(", tau %.4f; self-test %s\n", (double)model->tau, aminn_status_name(status));
+    fprintf(says, "model %s, hand %s, made by %s", model->name, model->hand, model->made_by);
+    print_digest(says, "checkpoint", model->checkpoint_sha256);
+    print_digest(says, "data", model->data_sha256);
+    fprintf(says, ", tau %.4f; self-test %s\n", (double)model->tau, aminn_status_name(status));
 }
 
 /* predicts all samples into rows (n x RESULT_N_OUT) and statuses (n); returns the number that was refused */
@@ -82,14 +84,6 @@ static uint32_t predict_all(const aminn_model_t *model, const vector_header_t *v
     return refused;
 }
 
-static void write_all(FILE *file, const void *bytes, size_t size)
-{
-    if (size > 0 && fwrite(bytes, 1, size, file) != size) {
-        die("%s: cannot write: %s", partial_path, strerror(errno));
-    }
-}
-
-/* writes under another name and renames when complete */
 static void write_results(const char *path, uint32_t n, float *rows, int32_t *statuses)
 {
     const size_t rows_size = (size_t)n * RESULT_N_OUT * sizeof *rows;
@@ -101,22 +95,11 @@ static void write_results(const char *path, uint32_t n, float *rows, int32_t *st
     header.n = n;
     header.crc = vector_crc(vector_crc(0, rows, rows_size), statuses, statuses_size);
     vector_swap(&header, sizeof header / sizeof(uint32_t));
-    if (snprintf(partial_path, sizeof partial_path, "%s.partial", path) >= (int)sizeof partial_path) {
-        partial_path[0] = '\0';
-        die("%s: the path is too long", path);
-    }
-    file = fopen(partial_path, "wb");
-    if (file == NULL) {
-        const int error = errno;
-        partial_path[0] = '\0';
-        die("%s: %s", path, strerror(error));
-    }
-    write_all(file, &header, sizeof header);
-    write_all(file, rows, rows_size);
-    write_all(file, statuses, statuses_size);
-    if (fclose(file) != 0 || rename(partial_path, path) != 0) {
-        die("%s: cannot write: %s", path, strerror(errno));
-    }
+    file = create_output(path);
+    write_output(file, &header, sizeof header);
+    write_output(file, rows, rows_size);
+    write_output(file, statuses, statuses_size);
+    finish_output(file);
 }
 
 int main(int argc, char **argv)
@@ -135,14 +118,17 @@ int main(int argc, char **argv)
     int32_t *statuses = NULL;
     uint32_t refused;
     double start_s, spent_s;
+    FILE *says;
     if (argc != first + 2) {
         fprintf(stderr, "usage: %s %s\n", argv[0], usage);
         return 2;
     }
     program_name = "aminn_replay";
 #ifndef AMINN_REPLAY_MODEL
+    refuse_input(argv[first + 1], argv[1]);
     open_model(argv[1], &model);
 #endif
+    refuse_input(argv[first + 1], argv[first]);
     vectors = open_vectors(argv[first]);
     rows = malloc(((size_t)vectors->n * RESULT_N_OUT + 1) * sizeof *rows);
     statuses = malloc(((size_t)vectors->n + 1) * sizeof *statuses);
@@ -153,9 +139,10 @@ int main(int argc, char **argv)
     refused = predict_all(&model, vectors, rows, statuses);
     spent_s = now_s() - start_s;
     write_results(argv[first + 1], vectors->n, rows, statuses);
-    print_identity(&model);
-    printf("samples %u, refused %u, %.3f us per prediction\n", (unsigned)vectors->n, (unsigned)refused,
-           vectors->n > 0 ? 1e6 * spent_s / vectors->n : 0.0);
+    says = output_is_stdout() ? stderr : stdout;
+    print_identity(says, &model);
+    fprintf(says, "samples %u, refused %u, %.3f us per prediction\n", (unsigned)vectors->n, (unsigned)refused,
+            vectors->n > 0 ? 1e6 * spent_s / vectors->n : 0.0);
     free(rows);
     free(statuses);
     return 0;

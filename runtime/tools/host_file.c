@@ -1,18 +1,27 @@
-#define _POSIX_C_SOURCE 200112L /* posix_memalign */
+#define _POSIX_C_SOURCE 200809L
 #include "host_file.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <limits.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #define ALIGNMENT 64u /* of what a file's bytes begin at: a model's tables are laid out for it */
 
 const char *program_name = "aminn";
 int failure_status = 1;
-char partial_path[4096];
+
+/* Of the output that is being written: the name that the user gave, where it leads, and the half-written file. */
+#define PATH_SIZE 4096
+#define MAX_LINKS 40 /* as many as Linux follows */
+static const char *output_name;
+static char output_target[PATH_SIZE], partial_path[PATH_SIZE];
+static int to_stdout;
 
 /* Files stay in memory until the program ends; remembered here so that leak checkers know it. */
 static void *held[8];
@@ -117,4 +126,189 @@ void open_model(const char *path, aminn_model_t *model)
     if (status != AMINN_OK) {
         die("%s: %s: %s", path, aminn_status_name(status), aminn_status_text(status));
     }
+}
+
+/* ---- writing ---- */
+
+static void cannot_write(int error)
+{
+    die("%s: cannot write: %s", output_name, strerror(error));
+}
+
+void refuse_input(const char *out, const char *input)
+{
+    struct stat a, b;
+    if (stat(out, &a) == 0 && stat(input, &b) == 0 && S_ISREG(a.st_mode) && a.st_dev == b.st_dev &&
+        a.st_ino == b.st_ino) {
+        die("%s: is the input %s; choose another name for the output", out, input);
+    }
+}
+
+/* Number of the descriptor that `path` names, -1 if it is another path. */
+static int descriptor_of(const char *path)
+{
+    static const char *const folders[] = {"/dev/fd/", "/proc/self/fd/"};
+    size_t i;
+    if (strcmp(path, "/dev/stdout") == 0) {
+        return STDOUT_FILENO;
+    }
+    for (i = 0; i < sizeof folders / sizeof folders[0]; ++i) {
+        const size_t length = strlen(folders[i]);
+        if (strncmp(path, folders[i], length) == 0) {
+            char *end = NULL;
+            const long n = strtol(path + length, &end, 10);
+            return end != path + length && *end == '\0' && n >= 0 && n <= INT_MAX ? (int)n : -1;
+        }
+    }
+    return -1;
+}
+
+/* Follows the links of output_target until a descriptor, which it returns, or a path that is no link: -1. */
+static int follow_links(void)
+{
+    int i;
+    for (i = 0; i < MAX_LINKS; ++i) {
+        char link[PATH_SIZE];
+        char *slash = strrchr(output_target, '/');
+        const int descriptor = descriptor_of(output_target);
+        const ssize_t length = descriptor < 0 ? readlink(output_target, link, sizeof link - 1) : -1;
+        size_t folder;
+        if (length < 0) {
+            return descriptor;
+        }
+        link[length] = '\0';
+        folder = link[0] == '/' || slash == NULL ? 0 : (size_t)(slash + 1 - output_target);
+        if (folder + (size_t)length >= sizeof output_target) {
+            cannot_write(ENAMETOOLONG);
+        }
+        memcpy(output_target + folder, link, (size_t)length + 1);
+    }
+    cannot_write(ELOOP);
+    return -1;
+}
+
+static FILE *stream_of(int descriptor)
+{
+    FILE *file = descriptor < 0 ? NULL : fdopen(descriptor, "wb");
+    if (file == NULL) {
+        cannot_write(errno);
+    }
+    return file;
+}
+
+/* A new file beside the target, which `old` describes if it is there. */
+static FILE *create_partial(const struct stat *old)
+{
+    int descriptor;
+    if (snprintf(partial_path, sizeof partial_path, "%s.%ld.partial", output_target, (long)getpid()) >=
+        (int)sizeof partial_path) {
+        partial_path[0] = '\0';
+        cannot_write(ENAMETOOLONG);
+    }
+    descriptor = open(partial_path, O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0666);
+    if (descriptor < 0) {
+        const int error = errno;
+        partial_path[0] = '\0';
+        cannot_write(error);
+    }
+    if (old != NULL) {
+        /* as far as this user may give it away */
+        const int given = fchown(descriptor, old->st_uid, old->st_gid);
+        (void)given;
+        if (fchmod(descriptor, old->st_mode & 07777) != 0) {
+            cannot_write(errno);
+        }
+    }
+    return stream_of(descriptor);
+}
+
+FILE *create_output(const char *path)
+{
+    struct stat target, printed;
+    int descriptor, exists;
+    output_name = path;
+    if (strlen(path) >= sizeof output_target) {
+        cannot_write(ENAMETOOLONG);
+    }
+    strcpy(output_target, path);
+    descriptor = follow_links();
+    to_stdout = descriptor == STDOUT_FILENO;
+    if (descriptor >= 0) {
+        return stream_of(dup(descriptor));
+    }
+    exists = stat(output_target, &target) == 0;
+    if (!exists) {
+        if (errno != ENOENT) {
+            cannot_write(errno);
+        }
+        return create_partial(NULL);
+    }
+    if (S_ISREG(target.st_mode)) {
+        if (access(output_target, W_OK) != 0) {
+            cannot_write(errno);
+        }
+        return create_partial(&target);
+    }
+    to_stdout =
+        fstat(STDOUT_FILENO, &printed) == 0 && printed.st_dev == target.st_dev && printed.st_ino == target.st_ino;
+    return stream_of(open(output_target, O_WRONLY | O_NOCTTY | O_CLOEXEC));
+}
+
+void write_output(FILE *file, const void *bytes, size_t size)
+{
+    if (size > 0 && fwrite(bytes, 1, size, file) != size) {
+        cannot_write(errno);
+    }
+}
+
+/* Copies the half-written file into the target: what something is mounted on cannot be renamed over. */
+static void copy_into_target(void)
+{
+    size_t size = 0;
+    const void *bytes = read_file(partial_path, &size);
+    FILE *file = fopen(output_target, "wb");
+    if (file == NULL || fwrite(bytes, 1, size, file) != size || fclose(file) != 0 || remove(partial_path) != 0) {
+        cannot_write(errno);
+    }
+}
+
+/* Makes a rename last, where the file system knows of such a thing. */
+static void sync_folder(void)
+{
+    char *slash = strrchr(output_target, '/');
+    int descriptor;
+    if (slash != NULL) {
+        slash[slash == output_target] = '\0';
+    }
+    descriptor = open(slash != NULL ? output_target : ".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (descriptor >= 0) {
+        (void)fsync(descriptor);
+        close(descriptor);
+    }
+}
+
+void finish_output(FILE *file)
+{
+    const int whole = partial_path[0] != '\0';
+    if (ferror(file) != 0) {
+        cannot_write(EIO);
+    }
+    if (fflush(file) != 0 || (whole && fsync(fileno(file)) != 0) || fclose(file) != 0) {
+        cannot_write(errno);
+    }
+    if (whole) {
+        if (rename(partial_path, output_target) != 0) {
+            if (errno != EBUSY) {
+                cannot_write(errno);
+            }
+            copy_into_target();
+        }
+        partial_path[0] = '\0';
+        sync_folder();
+    }
+}
+
+int output_is_stdout(void)
+{
+    return to_stdout;
 }

@@ -1,6 +1,5 @@
 #include "verdict_report.h"
 
-#include <errno.h>
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
@@ -93,23 +92,6 @@ void print_verdict(const verdict_t *verdict, const char *what, size_t shown)
 
 /* ---- files ---- */
 
-static FILE *create(const char *path)
-{
-    FILE *file = fopen(path, "wb");
-    if (file == NULL) {
-        die("%s: cannot write: %s", path, strerror(errno));
-    }
-    return file;
-}
-
-static void finish(FILE *file, const char *path)
-{
-    const int bad = ferror(file);
-    if (fclose(file) != 0 || bad) {
-        die("%s: cannot write: %s", path, strerror(errno));
-    }
-}
-
 /* Length of the UTF-8 character that begins at s, 0 if none does. */
 static int character(const unsigned char *s)
 {
@@ -158,7 +140,7 @@ static void put_number(FILE *file, double value)
 
 void write_json(const verdict_t *verdict, const char *what, const char *path)
 {
-    FILE *file = create(path);
+    FILE *file = create_output(path);
     figure_t figures[MAX_FIGURES];
     const int n = figures_of(verdict, figures);
     size_t i;
@@ -191,12 +173,12 @@ void write_json(const verdict_t *verdict, const char *what, const char *path)
         fputc('}', file);
     }
     fputs("\n ]\n}\n", file);
-    finish(file, path);
+    finish_output(file);
 }
 
 void write_junit(const verdict_t *verdict, const char *what, const char *path)
 {
-    FILE *file = create(path);
+    FILE *file = create_output(path);
     int output, failed = 0;
     size_t i;
     for (output = 0; output < N_OUTPUT; ++output) {
@@ -225,5 +207,5 @@ void write_junit(const verdict_t *verdict, const char *what, const char *path)
         fputs("</testcase>\n", file);
     }
     fputs("</testsuite>\n</testsuites>\n", file);
-    finish(file, path);
+    finish_output(file);
 }

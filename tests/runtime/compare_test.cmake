@@ -50,3 +50,10 @@ run(2 "usage" ${COMPARE})
 run(2 "needed" ${COMPARE} ${MODEL} ${GOLDEN}/golden.bin)
 run(2 "unknown option" ${COMPARE} --fast ${WORK}/blob.bin ${WORK}/blob.bin)
 run(2 "one kind" ${COMPARE} ${WORK}/blob.bin ${WORK}/blob.bin ${WORK}/blob.bin)
+
+# a report over an input is refused, and one to standard output is written there
+file(COPY_FILE ${WORK}/blob.bin ${WORK}/kept.bin)
+foreach(OPTION IN ITEMS --json --junit)
+  run(3 "blob.bin: is the input " ${COMPARE} ${OPTION} ${WORK}/blob.bin ${WORK}/blob.bin ${WORK}/compiled.bin)
+  run(0 "different_words 0" ${COMPARE} ${OPTION} /dev/stdout ${WORK}/blob.bin ${WORK}/kept.bin)
+endforeach()

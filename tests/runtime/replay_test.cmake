@@ -55,3 +55,55 @@ foreach(FILE IN ITEMS "${MODEL}" "${VECTORS}")
     replay(1 "CRC-32" "${MODEL}" "${WORK}/damaged.bin" "${OUT}")
   endif()
 endforeach()
+
+# --- where OUT leads: what is no regular file is written into, links are followed, inputs are refused ---------------
+replay(0 "samples" "${MODEL}" "${VECTORS}" "${OUT}")
+file(RENAME "${OUT}" "${WORK}/good.bin")
+
+# runs SCRIPT in the scratch folder, with $replay, $model, $vectors and `good` (compares a file with a good result)
+function(shell NAME SCRIPT)
+  execute_process(
+    COMMAND sh -euc "fails() { if \"$@\"; then echo \"no failure: $*\"; exit 8; fi; }; good() { cmp \"$1\" ../good.bin; }; only() { test \"$(ls -A | tr '\\n' ' ')\" = \"$*\" || { ls -A; exit 9; }; }
+      cd \"${WORK}\"; rm -rf scratch; mkdir scratch; cd scratch; ${SCRIPT}"
+    RESULT_VARIABLE RESULT OUTPUT_VARIABLE TEXT ERROR_VARIABLE TEXT)
+  if(NOT RESULT EQUAL 0)
+    message(FATAL_ERROR "${NAME}: ${RESULT}: ${TEXT}")
+  endif()
+endfunction()
+set(ENV{replay} "${REPLAY}")
+set(ENV{model} "${MODEL}")
+set(ENV{vectors} "${VECTORS}")
+
+shell("a FIFO" "mkfifo pipe; timeout 20 cat pipe >got & \"$replay\" \"$model\" \"$vectors\" pipe; wait; test -p pipe; good got; only got pipe ''")
+shell("/dev/stdout to a pipe" "\"$replay\" \"$model\" \"$vectors\" /dev/stdout 2>figures | cat >got; good got; grep -q samples figures")
+shell("/dev/stdout to a file" "\"$replay\" \"$model\" \"$vectors\" /dev/stdout >got 2>figures; good got; grep -q samples figures; only figures got ''")
+shell("a link to /dev/stdout" "ln -s /dev/stdout out; \"$replay\" \"$model\" \"$vectors\" out 2>figures >got; good got; test -h out")
+shell("another descriptor" "\"$replay\" \"$model\" \"$vectors\" /dev/fd/7 7>got; good got; only got ''")
+shell("a link" "mkdir there; ln -s there/file out; \"$replay\" \"$model\" \"$vectors\" out; good there/file; test -h out
+  ln -s \"$PWD/out\" chain; echo old >there/file; chmod 604 there/file; \"$replay\" \"$model\" \"$vectors\" chain; good there/file
+  test -h chain; test $(stat -c %a there/file) = 604; only chain out there ''; test $(ls -A there) = file")
+shell("links in a circle" "ln -s a b; ln -s b a; fails \"$replay\" \"$model\" \"$vectors\" a; only a b ''")
+shell("the umask" "umask 027; \"$replay\" \"$model\" \"$vectors\" out; test $(stat -c %a out) = 640")
+shell("a folder" "mkdir out; fails \"$replay\" \"$model\" \"$vectors\" out 2>said; grep -q 'Is a directory' said; only out said ''")
+shell("a file that may not grow" "echo old >out; (ulimit -f 1; trap '' XFSZ; fails \"$replay\" \"$model\" \"$vectors\" out 2>said)
+  grep -q 'out: cannot write: File too large' said; test $(cat out) = old; only out said ''")
+shell("devices, for root alone" "test $(id -u) = 0 || exit 0; mknod null c 1 3 && mknod full c 1 7 && : >null || exit 0
+  \"$replay\" \"$model\" \"$vectors\" null; fails \"$replay\" \"$model\" \"$vectors\" full 2>../said; grep -q 'No space' ../said
+  test -c null; test -c full; only full null ''")
+shell("a file that is a mount" "unshare --mount true 2>/dev/null || exit 0; echo old >outer; : >inner
+  unshare --mount sh -euc 'mount --bind outer inner; \"$replay\" \"$model\" \"$vectors\" inner'; good outer; only inner outer ''")
+
+foreach(KIND IN ITEMS "cp" "ln" "ln -s")
+  foreach(INPUT IN ITEMS model vectors)
+    set(LINK "cp \"$${INPUT}\" input; ${KIND} input out")
+    if(KIND STREQUAL "cp")
+      set(LINK "cp \"$${INPUT}\" input; mkdir d; cd d; cd ..")
+    endif()
+    set(NAME out)
+    if(KIND STREQUAL "cp")
+      set(NAME d/../input)
+    endif()
+    shell("OUT is the ${INPUT} (${KIND})" "${LINK}; before=$(cksum <input); ${INPUT}=input
+      fails \"$replay\" \"$model\" \"$vectors\" ${NAME} 2>said; grep -q '${NAME}: is the input input' said; test \"$(cksum <input)\" = \"$before\"")
+  endforeach()
+endforeach()
