@@ -363,9 +363,15 @@ static void judge_absence(verdict_t *verdict, const sample_t *s)
     }
 }
 
+/* of the sigmoid that has this value; 0 where none has */
+static double steepness(double value)
+{
+    return fmax(value * (1 - value), 0);
+}
+
 static void judge_sample(verdict_t *verdict, sample_t *s, float tau, int on_demand)
 {
-    const double p = (double)s->want[P_STABLE], p_limit = limit_of(s, P_STABLE, p * (1 - p));
+    const double p_limit = limit_of(s, P_STABLE, steepness((double)s->want[P_STABLE]));
     int c;
     judge_word(verdict, s, P_STABLE, -1, 1, p_limit, 1);
     judge_decision(verdict, s, p_limit, tau);
@@ -377,8 +383,8 @@ static void judge_sample(verdict_t *verdict, sample_t *s, float tau, int on_dema
     judge_motion(verdict, s);
     judge_stiffness(verdict, s);
     for (c = 0; c < N_GATE; ++c) {
-        const double g = (double)s->want[first_word[GATE] + c];
-        judge_word(verdict, s, GATE, c, 1, limit_of(s, GATE, g * (1 - g)), 1);
+        const double steep = steepness((double)s->want[first_word[GATE] + c]);
+        judge_word(verdict, s, GATE, c, 1, limit_of(s, GATE, steep), 1);
     }
 }
 

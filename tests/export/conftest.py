@@ -63,3 +63,11 @@ def checkpoint_dir(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> 
     meta = {"tau": 0.5173, "identity": identity, "data": {}, "data_config_sha256": data.manifest["config_sha256"]}
     save_checkpoint(folder, Aminn(ModelConfig(), nominal_from_hand(hand())), meta)
     return folder
+
+
+@pytest.fixture(scope="session")
+def installed(build_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The runtime in a folder of its own, as `make install PREFIX=` leaves it."""
+    prefix = tmp_path_factory.mktemp("installed")
+    subprocess.run(["cmake", "--install", str(build_dir), "--prefix", str(prefix)], check=True, capture_output=True)
+    return prefix

@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+import json
 import shutil
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from runtime_models import RandomModel, random_inputs
 
+from aminn.cli import main
 from aminn.dataset import load_dataset, split_of
+from aminn.dims import OUTPUT_SHAPES
 from aminn_base.errors import AminnError
 from aminn_export.bin_model import read_bin_model, write_bin_model
 from aminn_export.c_model import write_c_model
 from aminn_export.export import export
 from aminn_export.golden import run_onnx, single_thread_session
-from aminn_export.vectors import write_vectors
-from aminn_export.verify import check_golden, samples_of_dataset, verify
+from aminn_export.vectors import read_results, read_vectors, write_results, write_vectors
+from aminn_export.verify import check_golden, run_verification, samples_of_dataset, verify
 
 
 @pytest.fixture(scope="module")
@@ -95,6 +102,116 @@ def test_data_set_is_replayed_test_split_first(
     assert len(samples.inputs["q"]) == n_test
     with pytest.raises(AminnError, match="simulate more"):
         samples_of_dataset(dataset, 10**6)
+    assert len(samples_of_dataset(dataset).inputs["q"]) == len(dataset)  # 320 are there, and nobody asked for more
+
+
+def test_few_samples_are_said_and_none_are_refused(
+    export_dir: Path, vectors: Path, build_dir: Path, tmp_path: Path
+) -> None:
+    lines: list[str] = []
+    few = {name: value[:9] for name, value in read_vectors(vectors).inputs.items()}
+    write_vectors(tmp_path / "few.bin", few, run_onnx(single_thread_session(export_dir / "aminn.onnx"), few))
+    assert verify(export_dir, tmp_path / "few.bin", build_dir, echo=lines.append)["ok"]
+    assert lines[0].startswith("warning: 9 samples alone")
+    none = {name: value[:0] for name, value in few.items()}
+    write_vectors(tmp_path / "none.bin", none, run_onnx(single_thread_session(export_dir / "aminn.onnx"), none))
+    with pytest.raises(AminnError, match=r"none\.bin: holds no sample"):
+        verify(export_dir, tmp_path / "none.bin", build_dir, echo=lines.append)
+
+
+def test_installed_runtime_is_enough(export_dir: Path, vectors: Path, installed: Path, tmp_path: Path) -> None:
+    report = verify(export_dir, vectors, installed, echo=lambda _: None)
+    assert report["ok"], report["failures"]
+    assert report["host_c_different_words"] == 0
+    with pytest.raises(AminnError, match=r"no CMakeCache\.txt.*no bin/aminn_replay"):
+        verify(export_dir, vectors, tmp_path, echo=lambda _: None)
+    shutil.copytree(installed, tmp_path / "part")
+    (tmp_path / "part" / "share" / "aminn_rt" / "replay" / "host_file.c").unlink()
+    with pytest.raises(AminnError, match=r"host_file\.c is missing there"):
+        verify(export_dir, vectors, tmp_path / "part", echo=lambda _: None)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "told"),
+    [
+        ("rows[0, 3] = float('nan')", "host, .bin: dx_ht[2] of sample 0 of vectors.bin: got nan"),
+        ("rows[-1, 46] = 1 - rows[-1, 46]", "host, .bin: stable of sample 399 of vectors.bin"),
+        ("status[200] = -9", "host, .bin: status of sample 200 of vectors.bin: got -9, want 0"),
+        ("rows, status = rows[:-1], status[:-1]", "host, .bin: samples: got 399, want 400"),
+        ("rows[200, 30] = np.nextafter(rows[200, 30], 9)", "host, .c: k_x[3][5] of sample 200 of vectors.bin"),
+    ],
+)
+def test_replay_that_lies_is_found_out(
+    export_dir: Path, vectors: Path, installed: Path, tmp_path: Path, spoil: str, told: str
+) -> None:
+    """By ONNX Runtime's results, or by the other form of the model, whose bits it does not have."""
+    shutil.copytree(installed, tmp_path / "prefix")
+    program = tmp_path / "prefix" / "bin" / "aminn_replay"
+    program.rename(program.with_name("true_replay"))
+    program.write_text(f"""#!{sys.executable}
+import subprocess, sys
+import numpy as np
+from aminn.dims import OUTPUT_SHAPES
+from aminn_export.vectors import read_results, write_results
+subprocess.run([{str(program.with_name("true_replay"))!r}, *sys.argv[1:]], check=True)
+r = read_results(sys.argv[3])
+n = len(r.status)
+rows = np.concatenate([r.outputs[k].reshape(n, -1) for k in OUTPUT_SHAPES] + [r.decision[:, None]], 1)
+status = r.status.copy()
+{spoil}
+write_results(sys.argv[3], rows, status)
+""")
+    program.chmod(0o755)
+    done = run_verification(export_dir, vectors, tmp_path / "prefix")
+    assert not done.report["ok"] and told in done.report["failures"]
+
+
+def test_reports_name_every_number(exported: RandomModel, copy: Path, vectors: Path, build_dir: Path) -> None:
+    """Through the command: exit codes, JSON and JUnit."""
+    words = ["verify", "--export", str(copy), "--data", str(vectors), "--build", str(build_dir)]
+    files = ["--json", str(copy / "v.json"), "--junit", str(copy / "v.xml")]
+    done = CliRunner().invoke(main, [*words, *files])
+    assert done.exit_code == 0, done.output
+    assert json.loads((copy / "v.json").read_text())["differences"] == []
+    suite = ElementTree.parse(copy / "v.xml").getroot()[0]
+    assert int(suite.attrib["tests"]) == len(suite) >= 20 and suite.attrib["failures"] == "0"
+    write_bin_model(_tampered(exported, "s2.head_w", 1.01), copy / "aminn_model.bin")
+    done = CliRunner().invoke(main, [*words, *files])
+    assert done.exit_code == 1 and "host, .bin: dx_ht[" in done.output and "want" in done.output
+    report = json.loads((copy / "v.json").read_text())
+    assert len(report["differences"]) == min(report["numbers_different"], 10_000) > 400
+    assert {"target", "output", "sample", "where", "got", "want", "limit", "exact"} == set(report["differences"][0])
+    suite = ElementTree.parse(copy / "v.xml").getroot()[0]
+    failed = {case.attrib["name"] for case in suite if len(case)}
+    assert int(suite.attrib["failures"]) == len([case for case in suite if len(case)])
+    assert {"one model in all files", "dx_ht, against ONNX Runtime", "dx_ht, bits of host, .bin"} <= failed
+    (copy / "aminn_model.bin").write_bytes(b"AMNM")
+    assert CliRunner().invoke(main, words).exit_code == 3
+
+
+def test_two_result_files_are_compared(export_dir: Path, vectors: Path, build_dir: Path, tmp_path: Path) -> None:
+    replay = next(p for p in build_dir.rglob("aminn_replay") if p.is_file())
+    model, first, second = export_dir / "aminn_model.bin", tmp_path / "first.bin", tmp_path / "second.bin"
+    subprocess.run([replay, model, vectors, first], check=True, capture_output=True)
+    second.write_bytes(first.read_bytes())
+
+    def compare(*files: Path) -> tuple[int, str]:
+        done = CliRunner().invoke(main, ["compare", *map(str, files)])
+        return done.exit_code, done.output
+
+    assert compare(first, second) == (0, "samples 400\nrefused 0\ndifferent_words 0\n")
+    assert compare(model, vectors, first)[0] == 0
+    other = read_results(first)
+    rows = np.concatenate([other.outputs[k].reshape(400, -1) for k in OUTPUT_SHAPES] + [other.decision[:, None]], 1)
+    rows[5, 2] = np.nextafter(rows[5, 2], np.float32(1))
+    write_results(second, rows, other.status)
+    code, text = compare(first, second)
+    assert code == 1 and "dx_ht[1] of sample 5: got" in text and "bits differ" in text
+    assert compare(model, vectors, second)[0] == 0  # a step of the last place is rounding there
+    second.write_bytes(first.read_bytes()[:-4])
+    assert compare(first, second)[0] == 3
+    assert compare(first)[0] == 3 and "two result files" in compare(first)[1]
+    assert compare(export_dir / "aminn_model.c", first)[0] == 3
 
 
 @pytest.mark.parametrize(

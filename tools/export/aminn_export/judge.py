@@ -243,15 +243,15 @@ def compare_within(
     if other:
         return other
     w = _Within(got, want, tau, length, target, names)
-    p = w.want["p_stable"][:, 0]
-    p_difference = w.words("p_stable", p * (1 - p))
-    decisions = w.decision(w.limit("p_stable", p * (1 - p)))
+    steepness = {name: np.maximum(w.want[name] * (1 - w.want[name]), 0) for name in ("p_stable", "gate")}
+    p_difference = w.words("p_stable", steepness["p_stable"][:, 0])
+    decisions = w.decision(w.limit("p_stable", steepness["p_stable"][:, 0]))
     relative = w.motion()
     entry = np.abs(w.want["k_x"] * w.scale["k_x"]).max(1, initial=0.0)
     k_x = w.words("k_x", entry)
     if symmetric:
         w.symmetry()
-    gate = w.words("gate", w.want["gate"] * (1 - w.want["gate"]))
+    gate = w.words("gate", steepness["gate"])
     w.medians()
     for i in np.flatnonzero(got.status != 0):
         w.failures.append(Failure(target, "status", int(i), float(got.status[i]), 0.0, 0.0, np.inf, names(int(i))))
@@ -259,7 +259,7 @@ def compare_within(
         "samples": len(got.status),
         "refused": int((got.status != 0).sum()),
         "dx_relative_max": _largest(relative),
-        "dx_relative_p99": float(np.quantile(relative, 0.99)) if len(relative) else 0.0,
+        "dx_relative_p99": float(np.quantile(relative, 0.99, method="higher")) if len(relative) else 0.0,
         "dx_relative_median": _median(relative),
         "p_stable_abs_max": _largest(p_difference),
         "k_x_relative_max": _largest(_share(k_x, entry[:, None])),
