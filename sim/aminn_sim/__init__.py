@@ -1,7 +1,16 @@
 """Simulated grasps of a three-finger tendon hand, and their labels under load. Data flows out of here as files."""
 
+from .errors import MissingLibrary, SimulationError
+
+try:
+    from . import _core  # noqa: F401
+except ImportError as error:
+    raise MissingLibrary(
+        f"the simulation's compiled part cannot be loaded ({error}); it needs MuJoCo 2.2: install Debian's package "
+        "(apt-get install libmujoco2.2.2), or build it again where that is there (make setup-python)"
+    ) from error
+
 from .config import SimulationConfig
-from .errors import SimulationError
 from .simulate import simulate
 
 __all__ = ["SimulationConfig", "SimulationError", "simulate"]

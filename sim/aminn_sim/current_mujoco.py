@@ -8,6 +8,8 @@ not that its physics is right.
 from __future__ import annotations
 
 import importlib
+import os
+import sys
 from pathlib import Path
 from types import ModuleType
 
@@ -20,10 +22,16 @@ Array = NDArray[np.float64]
 
 
 def import_mujoco() -> ModuleType:
-    """The package, for what needs no picture. Raises SimulationError with what to install."""
+    """The package. Raises SimulationError with what to install.
+
+    It takes its OpenGL from the environment when it is imported. Ours is OSMesa, whatever the environment asks for: it
+    needs no display and no graphics card, and gives the same pixels everywhere.
+    """
+    if "mujoco" not in sys.modules:
+        os.environ |= dict.fromkeys(("MUJOCO_GL", "PYOPENGL_PLATFORM"), "osmesa")
     try:
         return importlib.import_module("mujoco")
-    except ImportError as error:
+    except (ImportError, RuntimeError) as error:
         raise SimulationError(
             f"the package mujoco cannot be imported ({error}); install it (pip install 'aminn[mujoco]')"
         ) from error

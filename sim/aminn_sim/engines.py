@@ -9,6 +9,8 @@ from __future__ import annotations
 import importlib
 import os
 import socket
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
@@ -23,6 +25,9 @@ Progress = Callable[[int], None]
 """Told now and then how many load cases of all tasks are done; an exception that it raises stops the engine."""
 
 RAY_OBJECT_STORE_BYTES = 100_000_000  # of a cluster of our own; a shard in flight takes about a megabyte
+RAY_KNOCK_S, RAY_CHECK_S = 10.0, 60.0  # for a first answer; for Ray's own check of its cluster
+HTTP2_FRAME_HEAD = bytes((0, 0, 0, 4, 0, 0, 0, 0, 0))  # of empty SETTINGS: length (3), type 4, flags, stream (4)
+HTTP2_PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + HTTP2_FRAME_HEAD
 RAY_STOP_S = 20.0  # a node that does not answer must not keep the program from ending
 RAY_TASKS_PER_CPU = 2  # in flight: one that runs and one that waits, so that no worker idles while a shard is written
 
@@ -152,10 +157,41 @@ def _connect(ray: ModuleType, threads: int) -> None:
 
 
 def _knock(address: str) -> None:
-    """Raise OSError where nothing listens at `host:port`: Ray itself would try for minutes and end the process."""
-    host, colon, port = address.removeprefix("ray://").rpartition(":")
-    if colon and port.isdecimal():
-        socket.create_connection((host, int(port)), timeout=10.0).close()
+    """Raise OSError where no Ray cluster answers at `host:port`: Ray itself would try for minutes, or without end."""
+    place = address.removeprefix("ray://")
+    host, colon, port = place.rpartition(":")
+    if not colon or not port.isdecimal():
+        return  # "auto", "local": Ray looks for it on this machine
+    with socket.create_connection((host.strip("[]"), int(port)), timeout=RAY_KNOCK_S) as line:
+        if os.environ.get("RAY_USE_TLS", "0") == "0":
+            _expect_grpc(line)
+    if place == address:
+        _expect_ray(address)
+
+
+def _expect_grpc(line: socket.socket) -> None:
+    """Ray speaks gRPC, and a gRPC server begins with HTTP/2's SETTINGS."""
+    line.sendall(HTTP2_PREFACE)
+    head = b""
+    try:
+        while len(head) < len(HTTP2_FRAME_HEAD) and (more := line.recv(len(HTTP2_FRAME_HEAD) - len(head))):
+            head += more
+    except TimeoutError as error:
+        raise ConnectionError(f"what listens there says nothing for {RAY_KNOCK_S:g} s") from error
+    if head[3:5] != HTTP2_FRAME_HEAD[3:5]:
+        raise ConnectionError("what listens there does not speak Ray's protocol, gRPC")
+
+
+def _expect_ray(address: str) -> None:
+    """Ask by Ray's own check, in a process that can be ended: the library waits for an answer without end."""
+    command = [sys.executable, "-m", "ray.scripts.scripts", "health-check", "--address", address]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=RAY_CHECK_S, check=False)
+    except subprocess.TimeoutExpired as error:
+        raise ConnectionError(f"what listens there does not answer as Ray within {RAY_CHECK_S:g} s") from error
+    if done.returncode:
+        said = (done.stderr or done.stdout).strip().splitlines()
+        raise ConnectionError(f"`ray health-check` finds no cluster there{': ' + said[-1] if said else ''}")
 
 
 def _fetch(ray: ModuleType, reference: object, task: ShardTask) -> dict:

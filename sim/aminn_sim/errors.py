@@ -11,3 +11,7 @@ class SimulationError(AminnError):
 
 class OutdatedDataError(SimulationError, OutdatedError):
     """The folder holds a data set that is damaged, or of another configuration or version."""
+
+
+class MissingLibrary(SimulationError, ImportError):
+    """The compiled part or a library that it needs is not there; also an ImportError, which it was."""

@@ -11,6 +11,7 @@ import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from ctypes.util import find_library
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -284,18 +285,28 @@ def _write_png(file: Path, pixels: NDArray[np.uint8]) -> None:
     Image.fromarray(pixels).save(file, optimize=True)
 
 
+def _remedy() -> str:
+    """What to do where OSMesa gives no context."""
+    if find_library("OSMesa") is None:
+        return "install Debian's libosmesa6 (apt-get install libosmesa6)"
+    platform = os.environ.get("PYOPENGL_PLATFORM")
+    if platform != "osmesa":
+        return (
+            f"libosmesa6 is there, but this process imported mujoco for OpenGL by {platform}; draw in a process of its "
+            "own, or set MUJOCO_GL=osmesa and PYOPENGL_PLATFORM=osmesa before that"
+        )
+    return "libosmesa6 is there, so it is damaged or of another version; install it again"
+
+
 @contextmanager
 def offscreen() -> Iterator[Screen]:
-    """An OpenGL context without a display. Raises SimulationError with the Debian package to install."""
+    """An OpenGL context without a display. Raises SimulationError with what to install, or what stands in the way."""
     import_mujoco()
-    os.environ["MUJOCO_GL"] = "osmesa"  # where the engine looks its OpenGL functions up
     try:
         context = importlib.import_module("mujoco.osmesa").GLContext(PIXELS * FINER, PIXELS * FINER)
         context.make_current()
     except (ImportError, AttributeError, RuntimeError) as error:
-        raise SimulationError(
-            f"pictures: no off-screen OpenGL ({error}); install Debian's libosmesa6 (apt-get install libosmesa6)"
-        ) from error
+        raise SimulationError(f"pictures: no off-screen OpenGL by OSMesa ({error}); {_remedy()}") from error
     try:
         yield Screen()
     finally:
