@@ -150,6 +150,11 @@ sim: setup-python ## the simulation judged: theory against it, labels, speed; on
 	@$(PYTHON) -m aminn_sim.figures --data $(BUILD)/dataset --out $(REPORTS)/sim.json
 	@echo "Report: $(REPORTS)/sim.json"
 
+.PHONY: hands
+hands: setup-python ## every hand that comes along: its description held against the engine
+	@$(PYTHON) -m aminn_sim.hands --out $(REPORTS)/hands.json
+	@echo "Report: $(REPORTS)/hands.json"
+
 .PHONY: gallery
 gallery: setup-python setup-view ## pictures of grasps before and after their load, from build/dataset (PICTURES=16)
 	@[ -f $(BUILD)/dataset/manifest.json ] || $(MAKE) --no-print-directory dataset

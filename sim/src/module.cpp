@@ -2,6 +2,7 @@
 // configuration are Python's.
 #include "columns.hpp"
 #include "contact_shapes.hpp"
+#include "engine.hpp"
 
 #include <nanobind/stl/function.h>
 
@@ -448,6 +449,7 @@ NB_MODULE(_core, m)
     install_handlers();
     nb::exception<MujocoError>(m, "MujocoError", PyExc_RuntimeError);
 
+    bind_engine(m);
     auto options = nb::class_<Options>(m, "Options", "All numbers of a simulation; fields of SimulationConfig.");
     options.def(nb::init<>());
     nb::dict ranges;

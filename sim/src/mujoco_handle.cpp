@@ -40,13 +40,13 @@ void install_handlers()
     });
 }
 
-ModelPtr load_model(const std::string &path)
+ModelPtr load_model(const std::string &path, const mjVFS *vfs)
 {
     install_handlers();
     const std::lock_guard lock(parser_mutex);
     char message[1000] = "";
     mjModel *model = nullptr;
-    guarded([&] { model = mj_loadXML(path.c_str(), nullptr, message, sizeof message); });
+    guarded([&] { model = mj_loadXML(path.c_str(), vfs, message, sizeof message); });
     if (model == nullptr)
         throw MujocoError(path + ": " + message);
     return ModelPtr(model);

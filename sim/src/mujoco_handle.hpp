@@ -61,8 +61,8 @@ void guarded(Calls &&calls)
 }
 
 // Reads and compiles an MJCF file. Throws MujocoError with the parser's message. Calls are serialised: the parser is
-// not reentrant.
-ModelPtr load_model(const std::string &path);
+// not reentrant. Files of `vfs` are found before those on disk.
+ModelPtr load_model(const std::string &path, const mjVFS *vfs = nullptr);
 ModelPtr copy_model(const mjModel &model);
 DataPtr make_data(const mjModel &model);
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import click
@@ -380,3 +381,43 @@ def explain(checkpoint: Path, data: Path, sample: int, out: Path | None, json_fi
 
 if __name__ == "__main__":
     main()
+
+
+@main.group(cls=Commands)
+def hand() -> None:
+    """Describe a hand of your own."""
+
+
+@hand.command()
+@click.argument("file", type=READABLE)
+@click.option(
+    "--pinch",
+    default=0.5,
+    show_default=True,
+    type=click.FloatRange(0, min_open=True),
+    help="Mean force of a contact, N.",
+)
+@click.option("--grasps", default=16, show_default=True, type=click.IntRange(1), help="Grasps to try it with.")
+@click.option("--seed", default=0, show_default=True, type=click.IntRange(0))
+@click.option("--picture", type=NEW_FILE, help="Draw joints, axes and names here (.png, .svg or .pdf).")
+@click.option("--json", "json_file", type=NEW_FILE, help="Write the figures here, as flat keys.")
+def check(file: Path, pinch: float, grasps: int, seed: int, picture: Path | None, json_file: Path | None) -> None:
+    """Say what a hand file (TOML) and its MJCF describe, and hold that against the engine.
+
+    Prints each branch's joints, axes, springs, servos, tendons and couplings; refuses by name what the statics cannot
+    hold; then moves a ball in light grasps and says how far theory and simulation are apart.
+    """
+    from tqdm import tqdm
+
+    from aminn_base.files import write_json
+    from aminn_sim.hand_check import check as run
+
+    interval = 0.2 if sys.stderr.isatty() else 10.0
+    with tqdm(total=grasps, unit="grasp", desc="acceptance", delay=1.0, mininterval=interval, leave=False) as bar:
+        done = run(file, pinch, grasps, seed, picture, lambda n: bar.update(n - bar.n), click.echo)
+    if json_file:
+        write_json(json_file, done.figures())
+        click.echo(f"figures: {json_file}")
+    if done.problem:
+        raise click.ClickException(f"{file}: {done.problem}")
+    click.echo("accepted")

@@ -1,0 +1,89 @@
+"""The typed hand: dimensions, JSON, closure against the engine."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aminn_base.errors import AminnError
+from aminn_hand import Hand
+from aminn_sim import mjcf
+from aminn_sim._core import Engine
+from aminn_sim.hand_file import default_hand_file
+from aminn_sim.understand import Understood, understand
+
+MODELS = default_hand_file().parent
+FILES = [MODELS / "hand.toml", *sorted((MODELS / "hands").glob("*.toml"))]
+
+
+@pytest.fixture(scope="module", params=FILES, ids=lambda p: p.stem)
+def understood(request: pytest.FixtureRequest) -> Understood:
+    return understand(request.param)
+
+
+def test_jacobian_is_the_engines(understood: Understood) -> None:
+    """Each column z x (point - anchor) against the engine's own, at random angles, point held by the tip."""
+    hand, engine = understood.hand, Engine(mjcf.text_of(understood.root))
+    names = engine.names("joint")
+    numbers = [names.index(j) for j in hand.joints]
+    address, dof = engine.model("jnt_qposadr")[numbers], engine.model("jnt_dofadr")[numbers]
+    palm, rng = engine.names("body").index(understood.palm), np.random.default_rng(0)
+    worst = 0.0
+    for _ in range(5):
+        q = rng.uniform(-0.8, 0.8, len(hand.joints))
+        qpos = np.zeros(len(engine.model("qpos0")))
+        qpos[address] = q
+        engine.reset()
+        engine.set("qpos", qpos)
+        engine.forward()
+        R, p = engine.data("xmat")[palm].reshape(3, 3), engine.data("xpos")[palm]
+        for branch, at in zip(hand.branches, hand.branch_joints, strict=True):
+            point = rng.normal(size=3) * 0.1
+            theirs = R.T @ engine.jacobian(engine.names("body").index(branch.tip), p + R @ point)[:, dof[at]]
+            worst = max(worst, float(np.abs(branch.jacobian(q[at], point) - theirs).max()))
+    assert worst < 1e-12, worst
+
+
+def test_json_keeps_everything(understood: Understood) -> None:
+    hand = understood.hand
+    again = Hand.from_dict(json.loads(json.dumps(hand.as_dict())))
+    assert again == hand and again.sha256 == hand.sha256
+
+
+def test_dimensions_follow_from_the_branches() -> None:
+    dims = understand(MODELS / "hand.toml").hand.dims
+    assert (dims.branches, dims.coordinates, dims.joints, dims.tendons) == (3, 3, 8, 6)
+    assert dims.inputs == {
+        "q": (8,), "x_ht": (6,), "w_e": (6,), "contacts": (3, 8), "j_x": (3, 3, 6), "j_q": (3, 3, 3)
+    }  # fmt: skip
+
+
+def test_a_damaged_description_is_named() -> None:
+    value = understand(MODELS / "hand.toml").hand.as_dict()
+    del value["branches"][1]["tip"]
+    with pytest.raises(AminnError, match="tip"):
+        Hand.from_dict(value)
+
+
+def test_the_built_in_hand_is_read_as_the_simulator_reads_it(tmp_path: Path) -> None:
+    """Geometry, springs and tendons as in the manifest of a data set."""
+    from aminn_sim.hand_file import read_hand_file
+
+    hand, theirs = understand(MODELS / "hand.toml").hand, read_hand_file().simulator().hand()
+    assert list(hand.joints) == theirs["joints"] and [b.name for b in hand.branches] == theirs["branches"]
+    for b, branch in enumerate(hand.branches):
+        columns = [c for c, j in enumerate(theirs["branch_joints"][b]) if j >= 0]
+        stiffness = [theirs["joint_stiffness_Nm_rad"][b][c] for c in columns]
+        assert np.allclose([c.stiffness_Nm_rad for c in branch.coordinates], stiffness)
+        assert np.allclose([c.axis for c in branch.coordinates], [theirs["axis"][b][c] for c in columns])
+        assert np.allclose(branch.coordinates[-2].anchor_m, theirs["base_m"][b])
+        tendons = [t for t in theirs["tendons"] if t["branch"] == b]
+        assert np.allclose(
+            [t.arm_m for t in branch.tendons], [[t["moment_arm_m"][c] for c in columns] for t in tendons]
+        )
+        assert [t.stiffness_N_m for t in branch.tendons] == [t["stiffness_N_m"] for t in tendons]
+        assert [t.max_tension_N for t in branch.tendons] == [t["max_tension_N"] for t in tendons]
+        assert branch.gated_tendon == 0

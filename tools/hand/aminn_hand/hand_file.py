@@ -1,0 +1,129 @@
+"""The hand file: 15 to 30 lines of TOML beside an unedited MJCF, for what the model does not say.
+
+Only `name` and `model` must be there; everything else is derived from the model unless it is told here.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import tomllib
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationError
+
+from aminn_base.errors import AminnError
+
+Vector3 = Annotated[tuple[float, float, float], Field()]
+Posture = dict[str, float]
+"""Joint name to angle, rad; joints that are left out stand at 0."""
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
+
+
+class BranchTable(_Table):
+    """One finger or thumb."""
+
+    name: str
+    tip: str
+    """Body that touches the tool."""
+    point: Vector3 | None = None
+    """Pad point in the tip body's frame, m."""
+    group: str | None = None
+    """Branches of one group face those of the others."""
+
+
+class ClosingTable(_Table):
+    """How the hand closes."""
+
+    open: Posture
+    closed: Posture
+
+
+class StiffnessTable(_Table):
+    """What the model does not say of its springs."""
+
+    servo_Nm_rad: dict[str, PositiveFloat] = {}
+    """Position stiffness of joints that torque motors drive, by joint name, or `default` for all of them."""
+    pull_only: tuple[str, ...] = ()
+    """Tendons that are cables; * stands for any text."""
+    friction: Literal["keep", "drop"] | None = None
+    """Dry friction of joints and tendons: simulated as it is, or left out. A stiffness model does not know it."""
+
+
+class CouplingTable(_Table):
+    """A coupling that firmware or a linkage makes and the model lacks: angle of `joint` = ratio times that of `of`."""
+
+    joint: str
+    of: str
+    ratio: float = 1.0
+
+
+class HandFile(_Table):
+    """A checked hand file."""
+
+    name: str
+    model: str
+    """MJCF, relative to the hand file, or `package:NAME/PATH` within an installed Python package."""
+    palm: str | None = None
+    """Body whose frame is H; default: the deepest body that all moving branches share."""
+    palm_normal: Vector3 | None = None
+    """Which way the palm faces, in its frame; default: from the palm to the middle of the fingertips."""
+    locked: tuple[str, ...] = ()
+    """Joints that do not move. Those above the palm never do."""
+    branch: tuple[BranchTable, ...] = ()
+    """Default: every chain that ends in a colliding geom."""
+    closing: ClosingTable | None = None
+    stiffness: StiffnessTable = StiffnessTable()
+    coupling: tuple[CouplingTable, ...] = ()
+    contact: dict[str, Any] = {}
+    synergy: dict[str, Any] = {}
+    mirror: dict[str, Any] | None = None
+
+
+def _message(error: ValidationError) -> str:
+    """The first complaint: which field, what is wrong with it, and the nearest name where the field is unknown."""
+    first = error.errors()[0]
+    where = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "extra_forbidden":
+        near = get_close_matches(str(first["loc"][-1]), HandFile.model_fields, 1)
+        return f"{where} is not a field of a hand file" + (f"; did you mean {near[0]}?" if near else "")
+    return f"{where}: {first['msg'][0].lower()}{first['msg'][1:]}"
+
+
+def read_hand_file(path: Path | str) -> HandFile:
+    """Read and check a hand file. Raises AminnError with file and field."""
+    path = Path(path)
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise AminnError(f"{path}: the hand file cannot be read ({error.strerror})") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise AminnError(f"{path}: not TOML ({error})") from error
+    if "scene" in content and "model" not in content:  # the built-in hand's file names its scene
+        content["model"] = content.pop("scene")
+    try:
+        return HandFile.model_validate(content)
+    except ValidationError as error:
+        raise AminnError(f"{path}: {_message(error)}") from error
+
+
+def model_path(file: HandFile, path: Path | str) -> Path:
+    """Where the model of a hand file at `path` is. Raises AminnError where it is not."""
+    if file.model.startswith("package:"):
+        package, _, inside = file.model.removeprefix("package:").partition("/")
+        try:
+            found = importlib.util.find_spec(package)
+        except (ImportError, ValueError):
+            found = None
+        if found is None or not found.submodule_search_locations:
+            raise AminnError(f"{path}: model {file.model}: the Python package {package!r} is not installed")
+        model = Path(next(iter(found.submodule_search_locations))) / inside
+    else:
+        model = Path(path).parent / file.model
+    if not model.is_file():
+        raise AminnError(f"{path}: model names {model}, which is not there")
+    return model.resolve()
