@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from aminn_base.files import refuse_inputs, write_json
+from aminn_base.files import check_outputs, write_json
 from aminn_base.program import Messages
 
 from . import _core
@@ -75,7 +75,7 @@ def speed_figures(
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Seed of the fresh grasps.")
 def main(data: Path, out: Path, grasps: int, seed: int) -> None:
     """Hold theory against simulation, judge a data set's labels, and time the simulation."""
-    refuse_inputs(out, data.glob("*"))
+    check_outputs([out], [data])
     hand, threads = read_hand_file(), len(os.sched_getaffinity(0))
     simulator, config, simulated = hand.simulator(), SimulationConfig(seed=seed), read_data(data)
     parts: dict[str, Callable[[], dict]] = {

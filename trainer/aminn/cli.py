@@ -190,13 +190,14 @@ def evaluate(
     data: Path, runs: tuple[Path, ...], split: str, trained_on: Path | None, json_file: Path | None
 ) -> None:
     """Print the figures of trained models beside the analytical model, no motion and the ground truth."""
-    from aminn_base.files import write_json
+    from aminn_base.files import check_outputs, write_json
 
     from .checkpoint import load_checkpoint
     from .dataset import load_dataset
     from .evaluate import evaluate as run
     from .evaluate import flat_report, format_table
 
+    check_outputs([json_file], [data, *runs, trained_on])
     origin = load_dataset(trained_on) if trained_on else None
     result = run([load_checkpoint(r) for r in runs], load_dataset(data), split, origin)
     if json_file:
@@ -268,10 +269,12 @@ def verify(
     replays against one another bit by bit. Exit code 0: all the same; 1: something differs; 3: it cannot be told, since
     a file is damaged or missing.
     """
+    from aminn_base.files import check_outputs
     from aminn_export.verdict_report import write_junit, write_verdict
 
     from .pipeline import run_verify
 
+    check_outputs([json_file, junit_file], [export_dir, data])
     done = run_verify(export_dir, data, build_dir, samples, firmware, targets=targets, port=port, show=show)
     if json_file:
         write_verdict(json_file, done.report, done.failures)
@@ -295,9 +298,11 @@ def compare(files: tuple[Path, ...], show: int, json_file: Path | None, junit_fi
     docs/export.md. Files are told apart by what they hold. Exit code 0: the same; 1: something differs; 3: it cannot
     be told, since a file is damaged or empty. `aminn_compare` does the same without Python.
     """
+    from aminn_base.files import check_outputs
     from aminn_export.compare import compare_files
     from aminn_export.verdict_report import Case, shown, write_junit, write_verdict
 
+    check_outputs([json_file, junit_file], files)
     verdict = compare_files(files)
     for name, value in verdict.figures.items():
         click.echo(f"{name} {value:.3g}" if isinstance(value, float) else f"{name} {value}")
@@ -339,11 +344,14 @@ def report(
     out: Path,
 ) -> None:
     """Write the report page: table, signed work, predicted motion, training curves, a grasp under load."""
+    from aminn_base.files import check_outputs
+
     from .checkpoint import load_checkpoint
     from .dataset import load_dataset
     from .evaluate import evaluate as run
     from .pipeline import run_report
 
+    check_outputs([out], [data, *runs, verification, trained_on, *reports.glob("*.json")])
     checkpoints = [load_checkpoint(r) for r in runs]
     differences = read_verification(verification) if verification else {}
     origin = load_dataset(trained_on) if trained_on else None
@@ -363,12 +371,13 @@ def explain(checkpoint: Path, data: Path, sample: int, out: Path | None, json_fi
     Springs, tendon directions and engagement of each finger, the stiffness K_x with its principal compliances and their
     directions, and the predicted motion beside the simulated one; as text, and as a picture over the hand.
     """
-    from aminn_base.files import write_json
+    from aminn_base.files import check_outputs, write_json
 
     from .checkpoint import load_checkpoint
     from .dataset import load_dataset
     from .explain import as_text, draw, explain_sample
 
+    check_outputs([out, json_file], [data, checkpoint])
     found = explain_sample(load_checkpoint(checkpoint), load_dataset(data), sample)
     click.echo(as_text(found))
     if json_file:

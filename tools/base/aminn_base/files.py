@@ -54,6 +54,21 @@ def same_place(a: Path, b: Path) -> bool:
         return os.path.realpath(a) == os.path.realpath(b)
 
 
+READ = ("manifest.json", "unfinished.json", "shard-*.h5", "model.json", "*.safetensors")
+READ += ("*.onnx", "*.c", "*.h", "*.bin")
+"""What the commands read of a data set, of a run and of an export."""
+
+
+def check_outputs(outputs: Iterable[Path | None], places: Iterable[Path | None]) -> None:
+    """Raise AminnError if one of `outputs` is another one, or an input: one of `places`, or in one that is a folder."""
+    inputs: list[Path] = []
+    for place in filter(None, places):
+        inputs += [file for pattern in READ for file in place.glob(pattern)] if place.is_dir() else [place]
+    for output in filter(None, outputs):
+        refuse_inputs(output, inputs)
+        inputs.append(output)
+
+
 def refuse_inputs(output: Path | None, inputs: Iterable[Path]) -> None:
     """Raise AminnError if writing `output` would overwrite one of `inputs`, files that the command reads or makes."""
     if output is None or (output.exists() and not output.is_file()):

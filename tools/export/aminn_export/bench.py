@@ -24,7 +24,7 @@ import onnxruntime as ort
 from onnx import TensorProto, helper, numpy_helper
 
 from aminn_base.errors import AminnError
-from aminn_base.files import write_json
+from aminn_base.files import check_outputs, write_json
 from aminn_base.program import Messages
 
 from .bin_model import BinModel, read_bin_model
@@ -208,6 +208,7 @@ FOLDER = click.Path(path_type=Path, file_okay=False, exists=True)
 )
 def main(model_dir: Path, vectors: Path | None, build_dir: Path, rounds: int, json_file: Path) -> None:
     """Time the compiled runtime beside its floor and beside ONNX Runtime."""
+    check_outputs([json_file], [model_dir, vectors])
     report = bench(model_dir, vectors or model_dir / GOLDEN_FILE, build_dir, rounds)
     write_json(json_file, report)
     click.echo(format_bench(report))

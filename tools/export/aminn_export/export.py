@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import os
 import shutil
-import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from aminn.checkpoint import load_checkpoint
 from aminn.dataset import Dataset, load_dataset
 from aminn.export_tables import export_tables
 from aminn.origin import training_part, training_set
-from aminn_base.errors import AminnError
+from aminn_base.errors import AminnError, WriteError
+from aminn_base.files import write_atomically
+from aminn_base.lock import locked_folder
 from aminn_base.read import AnyPath
 
 from .bin_model import BinModel, write_bin_model
@@ -53,7 +56,30 @@ def _publish(part: Path, out_dir: Path) -> None:
         os.replace(part, out_dir)
         return
     for file in sorted(part.iterdir()):
-        os.replace(file, out_dir / file.name)
+        target = out_dir / file.name
+        if target.is_symlink() or (target.exists() and not target.is_file()):
+            write_atomically(target, file.read_bytes())
+        else:
+            os.replace(file, target)
+
+
+@contextmanager
+def _part_of(out_dir: Path) -> Iterator[Path]:
+    """A folder beside `out_dir`, by links too, whose files are moved there in the end; one process at a time."""
+    place = Path(os.path.realpath(out_dir))
+    part = place.with_name(f".{place.name}.partial")
+    with locked_folder(out_dir, place.with_name(f".{place.name}.lock")):
+        try:
+            shutil.rmtree(part, ignore_errors=True)  # of a killed export
+            part.mkdir()
+            yield part
+            _publish(part, place)
+        except WriteError as error:
+            raise WriteError(out_dir / error.path.name, error.reason) from error
+        except OSError as error:
+            raise WriteError(out_dir, error.strerror or str(error)) from error
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
 
 
 def _rounded(exported: BinModel, dataset: Dataset | None) -> tuple[BinModel, str]:
@@ -103,15 +129,9 @@ def export(
         lines.append(line)
     if dataset is not None:
         exported = BinModel(exported.meta | {"known_state": informative_state(exported, dataset)}, exported.tensors)
-    out_dir.parent.mkdir(parents=True, exist_ok=True)
-    part = Path(tempfile.mkdtemp(prefix=f".{out_dir.name}-", dir=out_dir.parent))
-    try:
-        part.chmod(0o755)
+    with _part_of(out_dir) as part:
         write_model_files(exported, part, prefix)
         if dataset is not None:
             write_golden(exported, part / ONNX_FILE, dataset, part / GOLDEN_FILE)
         sizes = {file.name: file.stat().st_size for file in sorted(part.iterdir())}
-        _publish(part, out_dir)
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
     return [f"{size:>9} bytes  {out_dir / name}" for name, size in sizes.items()] + lines

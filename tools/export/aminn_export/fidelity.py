@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from aminn.dataset import load_dataset
 from aminn.dims import INPUT_SHAPES, OUTPUT_SHAPES
-from aminn_base.files import refuse_inputs, write_json
+from aminn_base.files import check_outputs, write_json
 from aminn_base.program import Messages
 
 from .adversarial import KINDS, adversarial_states
@@ -267,7 +267,7 @@ def main(
     model_dir: Path, data: Path, work: Path, states: int, targets: str, stride: int, jobs: int, json_file: Path
 ) -> None:
     """Measure the numerical fidelity of the runtime on all targets."""
-    refuse_inputs(json_file, [*model_dir.glob("*"), *data.glob("*")])
+    check_outputs([json_file], [model_dir, data])
     figures = fidelity(model_dir, data, work, states, tuple(targets.split(",")), stride, jobs)
     write_json(json_file, figures)
     click.echo(format_figures(figures))

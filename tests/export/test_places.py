@@ -1,0 +1,106 @@
+"""Where `aminn export` and `aminn verify` write: links, a full disk, two at once, outputs over inputs."""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from aminn.cli import main
+from aminn_base.errors import InUseError, WriteError
+from aminn_base.lock import locked_folder
+from aminn_export.export import export
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {p.name: p.read_bytes() for p in sorted(folder.iterdir()) if p.is_file()}
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(p.name for p in folder.iterdir())
+
+
+@pytest.fixture(scope="module")
+def whole(checkpoint_dir: Path, data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("whole") / "export"
+    export(checkpoint_dir, folder, data_dir=data_dir)
+    return folder
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_a_full_disk_names_the_file_and_leaves_the_old_ones(
+    checkpoint_dir: Path, data_dir: Path, whole: Path, tmp_path: Path, there: bool
+) -> None:
+    out = tmp_path / "export"
+    if there:
+        shutil.copytree(whole, out)
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    for room in (300, 30_000, 200_000):  # not even the header, not the source, not the graph
+        resource.setrlimit(resource.RLIMIT_FSIZE, (room, hard))
+        try:
+            with pytest.raises(
+                WriteError, match=r"export/[a-z_]+\.[a-z]+: cannot be written .File too large.; make room"
+            ):
+                export(checkpoint_dir, out, data_dir=data_dir)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        assert names(tmp_path) == (["export"] if there else [])
+    if there:
+        assert contents(out) == contents(whole)
+    export(checkpoint_dir, out, data_dir=data_dir)
+    assert contents(out) == contents(whole) and names(tmp_path) == ["export"]
+
+
+def test_links_are_followed(checkpoint_dir: Path, data_dir: Path, whole: Path, tmp_path: Path) -> None:
+    """The folder is a link, and one of its files is one to a place outside."""
+    (tmp_path / "there").mkdir()
+    (tmp_path / "flash").mkdir()
+    (tmp_path / "out").symlink_to("there")
+    (tmp_path / "there" / "aminn_model.bin").symlink_to(tmp_path / "flash" / "image.bin")
+    export(checkpoint_dir, tmp_path / "out", data_dir=data_dir)
+    assert (tmp_path / "out").is_symlink() and (tmp_path / "there" / "aminn_model.bin").is_symlink()
+    assert contents(tmp_path / "there") == contents(whole) and names(tmp_path) == ["flash", "out", "there"]
+    assert (tmp_path / "flash" / "image.bin").read_bytes() == (whole / "aminn_model.bin").read_bytes()
+
+
+def test_two_exports_to_one_folder(checkpoint_dir: Path, tmp_path: Path) -> None:
+    out = tmp_path / "export"
+    with (
+        locked_folder(out, tmp_path / ".export.lock"),
+        pytest.raises(InUseError, match=f"export: in use by process {os.getpid()} "),
+    ):
+        export(checkpoint_dir, out)
+    assert not names(tmp_path)
+
+
+def test_what_a_killed_export_left_is_removed(
+    checkpoint_dir: Path, data_dir: Path, whole: Path, tmp_path: Path
+) -> None:
+    (tmp_path / ".export.partial").mkdir()
+    (tmp_path / ".export.partial" / "stale.c").touch()
+    (tmp_path / ".export.lock").touch()
+    export(checkpoint_dir, tmp_path / "export", data_dir=data_dir)
+    assert contents(tmp_path / "export") == contents(whole) and names(tmp_path) == ["export"]
+
+
+@pytest.mark.parametrize("option", ["--json", "--junit"])
+def test_verify_and_compare_do_not_overwrite_their_inputs(
+    whole: Path, data_dir: Path, tmp_path: Path, option: str
+) -> None:
+    out, data = (Path(shutil.copytree(f, tmp_path / name)) for f, name in ((whole, "export"), (data_dir, "data")))
+    before = contents(out) | contents(data)
+    (tmp_path / "hard").hardlink_to(out / "golden.bin")
+    inputs = [*out.iterdir(), data / "manifest.json", data / "shard-00000.h5", tmp_path / "hard"]
+    for file in inputs:
+        words = ["verify", "--export", str(out), "--data", str(data), "--build", str(tmp_path), option, str(file)]
+        result = CliRunner().invoke(main, words)
+        assert result.exit_code != 0 and "choose another name" in result.output, result.output
+    for file in ("golden.bin", "aminn_model.bin"):
+        words = ["compare", str(out / "aminn_model.bin"), str(out / "golden.bin"), option, str(out / file)]
+        result = CliRunner().invoke(main, words)
+        assert result.exit_code != 0 and "choose another name" in result.output, result.output
+    assert contents(out) | contents(data) == before
