@@ -17,28 +17,45 @@
 #define UART_CTRL (*(volatile uint32_t *)(UART_BASE + 0x08u))
 #define UART_BAUDDIV (*(volatile uint32_t *)(UART_BASE + 0x10u))
 
-enum { TX_FULL = 1u, RX_FULL = 2u, TX_RX_ENABLE = 3u, BAUD_DIVIDER = 217 /* 25 MHz / 115200 */, BAD_FRAME = -100 };
+enum { TX_FULL = 1u, RX_FULL = 2u, TX_RX_ENABLE = 3u, BAUD_DIVIDER = 217 /* 25 MHz / 115200 */ };
+enum { PROTOCOL = 2, KIND_REFUSED = 0, KIND_IDENTITY = 1, KIND_PREDICT = 2 };
+enum { REFUSED_DAMAGED = 1, REFUSED_VERSION = 2, REFUSED_KIND = 3 };
+/* Silence within a frame after which it counts as broken off: a fifth of a second of the boards' clock. */
+enum { SILENCE_TICKS = 25000000 / 5 };
 
-typedef struct question {
-    aminn_input_t in;
-    uint32_t crc;
-} question_t;
+typedef struct frame_header {
+    uint16_t version, kind;
+    uint32_t sequence; /* chosen by the host, repeated in the answer */
+    uint32_t length;   /* of the body, bytes */
+} frame_header_t;
 
-typedef struct answer {
+typedef struct identity {
+    char name[56], hand[56], made_by[40], library[16];
+    uint8_t checkpoint_sha256[32], data_sha256[32];
+    uint32_t format_version, content_crc;
+    float tau;
+    int32_t self_test; /* status of aminn_self_test() */
+} identity_t;
+
+typedef struct prediction {
     int32_t status;
     float outputs[RESULT_N_OUT];
-    uint32_t crc;
-} answer_t;
+} prediction_t;
 
 static aminn_t ctx;
-static question_t question;
-static answer_t answer;
+static aminn_input_t input;
+static aminn_status_t self_test;
 
-static uint8_t get(void)
+/* a byte, or -1 after a silence */
+static int get(void)
 {
+    const uint32_t start = SYST_CVR;
     while ((UART_STATE & RX_FULL) == 0) {
+        if (ticks_since(start) > SILENCE_TICKS) {
+            return -1;
+        }
     }
-    return (uint8_t)UART_DATA;
+    return (int)(UART_DATA & 0xFFu);
 }
 
 static void put(uint8_t byte)
@@ -48,12 +65,18 @@ static void put(uint8_t byte)
     UART_DATA = byte;
 }
 
-static void get_all(void *bytes, size_t n)
+/* 0, or -1 if a silence came before the last byte */
+static int get_all(void *bytes, size_t n)
 {
     uint8_t *p = (uint8_t *)bytes;
     while (n-- > 0) {
-        *p++ = get();
+        const int byte = get();
+        if (byte < 0) {
+            return -1;
+        }
+        *p++ = (uint8_t)byte;
     }
+    return 0;
 }
 
 static void put_all(const void *bytes, size_t n)
@@ -64,44 +87,90 @@ static void put_all(const void *bytes, size_t n)
     }
 }
 
-/* skips bytes until the mark has passed */
+/* skips bytes until the mark has passed; bytes of a mark that silence tears apart do not count */
 static void wait_for(const char mark[4])
 {
     char window[4] = {0, 0, 0, 0};
     while (memcmp(window, mark, sizeof window) != 0) {
+        const int byte = get();
         memmove(window, window + 1, sizeof window - 1);
-        window[3] = (char)get();
+        window[3] = (char)(byte < 0 ? 0 : byte);
     }
 }
 
-static void predict(void)
+static void answer(uint16_t kind, uint32_t sequence, const void *body, uint32_t length)
 {
+    const frame_header_t header = {PROTOCOL, kind, sequence, length};
+    const uint32_t crc = vector_crc(vector_crc(0, &header, sizeof header), body, length);
+    put_all("AMNA", 4);
+    put_all(&header, sizeof header);
+    put_all(body, length);
+    put_all(&crc, sizeof crc);
+}
+
+static void refuse(uint32_t sequence, uint32_t reason)
+{
+    answer(KIND_REFUSED, sequence, &reason, sizeof reason);
+}
+
+static void answer_identity(uint32_t sequence)
+{
+    const aminn_model_t *m = &MODEL_SYMBOL;
+    static identity_t who; /* zeros behind every text */
+    strncpy(who.name, m->name, sizeof who.name - 1);
+    strncpy(who.hand, m->hand, sizeof who.hand - 1);
+    strncpy(who.made_by, m->made_by, sizeof who.made_by - 1);
+    strncpy(who.library, aminn_version(), sizeof who.library - 1);
+    memcpy(who.checkpoint_sha256, m->checkpoint_sha256, sizeof who.checkpoint_sha256);
+    memcpy(who.data_sha256, m->data_sha256, sizeof who.data_sha256);
+    who.format_version = m->format_version;
+    who.content_crc = m->content_crc;
+    who.tau = m->tau;
+    who.self_test = self_test;
+    answer(KIND_IDENTITY, sequence, &who, sizeof who);
+}
+
+static void answer_prediction(uint32_t sequence)
+{
+    prediction_t prediction;
     aminn_output_t out;
-    answer.status = aminn_predict(&ctx, &question.in, &out);
-    answer.outputs[0] = out.p_stable;
-    memcpy(answer.outputs + 1, out.dx_ht, sizeof out.dx_ht);
-    memcpy(answer.outputs + 7, out.k_x, sizeof out.k_x);
-    memcpy(answer.outputs + 43, out.gate, sizeof out.gate);
-    answer.outputs[46] = (float)out.stable;
+    prediction.status = aminn_predict(&ctx, &input, &out);
+    result_row(&out, prediction.outputs);
+    answer(KIND_PREDICT, sequence, &prediction, sizeof prediction);
+}
+
+/* what follows a mark: a question that is answered, or refused with the reason */
+static void take_question(void)
+{
+    frame_header_t header;
+    uint32_t crc;
+    if (get_all(&header, sizeof header) != 0) {
+        refuse(0, REFUSED_DAMAGED);
+    } else if (header.length > sizeof input || get_all(&input, header.length) != 0 || get_all(&crc, sizeof crc) != 0 ||
+               vector_crc(vector_crc(0, &header, sizeof header), &input, header.length) != crc) {
+        refuse(header.sequence, REFUSED_DAMAGED);
+    } else if (header.version != PROTOCOL) {
+        refuse(header.sequence, REFUSED_VERSION);
+    } else if (header.kind == KIND_IDENTITY && header.length == 0) {
+        answer_identity(header.sequence);
+    } else if (header.kind == KIND_PREDICT && header.length == sizeof input) {
+        answer_prediction(header.sequence);
+    } else {
+        refuse(header.sequence, REFUSED_KIND);
+    }
 }
 
 int run_serial(void)
 {
     UART_BAUDDIV = BAUD_DIVIDER;
     UART_CTRL = TX_RX_ENABLE;
+    ticks_start();
     if (aminn_init(&ctx, &MODEL_SYMBOL, AMINN_FLAG_ALWAYS_STAGE2) != AMINN_OK) {
         return fail("serial", "the model is refused");
     }
+    self_test = aminn_self_test(&ctx);
     for (;;) {
         wait_for("AMNQ");
-        get_all(&question, sizeof question);
-        if (vector_crc(0, &question.in, sizeof question.in) == question.crc) {
-            predict();
-        } else {
-            answer.status = BAD_FRAME;
-        }
-        answer.crc = vector_crc(0, &answer, offsetof(answer_t, crc));
-        put_all("AMNA", 4);
-        put_all(&answer, sizeof answer);
+        take_question();
     }
 }

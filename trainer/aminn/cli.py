@@ -247,7 +247,7 @@ def export(checkpoint: Path, data: Path, out: Path, prefix: str, name: str | Non
 )
 @click.option("--firmware", is_flag=True, help="Also on the emulated Cortex-M7 (--target cortex_m7).")
 @click.option("--target", "targets", multiple=True, help="Also there; may be repeated: cortex_m4, aarch64_gcc_O2, ...")
-@click.option("--port", help="Also on a real board: the serial port or pipe that the firmware's protocol runs on.")
+@click.option("--port", help="Also on a real board: the serial port, Unix socket or tcp:HOST:PORT of its firmware.")
 @click.option("--show", type=click.IntRange(0), default=3, show_default=True, help="Print so many numbers of a check.")
 @click.option("--json", "json_file", type=NEW_FILE, help="Write the figures here, and each number that differs.")
 @click.option("--junit", "junit_file", type=NEW_FILE, help="Write a test case for each check, for a build server.")

@@ -71,7 +71,7 @@ def run_verify(
 ) -> Verification:
     """Replay `data` through ONNX Runtime and the compiled runtime; flat figures and what differs. `echo` prints.
 
-    `targets` are further machines of `aminn_export.targets`, `port` is a serial port or pipe with a board behind it.
+    `targets` are further machines of `aminn_export.targets`, `port` is a serial port or socket with a board behind it.
     """
     from aminn_export.verify import run_verification, tell
 

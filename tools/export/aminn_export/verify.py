@@ -168,10 +168,10 @@ def _replay_target(name: str, export_dir: Path, vectors: Path, out: Path) -> Rep
     return own
 
 
-def _replay_board(port: str, vectors: Path, out: Path) -> Report:
-    """Replay on a real board over its serial protocol."""
-    with serial_protocol.open_port(port) as stream:
-        return dict(serial_protocol.replay(stream, read_vectors(vectors).inputs, out))
+def _replay_board(port: str, model: BinModel, vectors: Path, out: Path) -> Report:
+    """Replay on a real board over its serial protocol, if it runs this model."""
+    with serial_protocol.open_port(port) as line:
+        return dict(serial_protocol.replay(line, model, read_vectors(vectors).inputs, out))
 
 
 # --- comparison -----------------------------------------------------------------------------------------------------
@@ -344,7 +344,7 @@ def run_verification(
     """Replay `source` (data set folder or vector file) through the models of `export_dir`.
 
     `build_dir` is a build folder of the runtime, or the prefix that it is installed with; `on_targets` are names of
-    `targets.TARGETS` to replay on as well, `port` is the serial port (or socket or pipe) of a board that runs the
+    `targets.TARGETS` to replay on as well, `port` is the serial port (or socket) of a board that runs the
     firmware's serial protocol. Raises AminnError where something cannot be run at all.
     """
     prefix = model_prefix(export_dir)
@@ -358,7 +358,7 @@ def run_verification(
     }
     replays |= {name: partial(_replay_target, name, export_dir) for name in dict.fromkeys(on_targets)}
     if port is not None:
-        replays["board"] = partial(_replay_board, port)
+        replays["board"] = partial(_replay_board, port, model)
     cases = [
         Case("files", "one model in all files", misfits(export_dir, prefix, model)),
         Case("files", "golden vectors", check_golden(export_dir, model)),
