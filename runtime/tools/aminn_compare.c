@@ -12,7 +12,7 @@
  *   --show N       how many of the failures to print, worst first (10)
  *   --on-demand    the results are of a runtime without AMINN_FLAG_ALWAYS_STAGE2: NaN where a grasp does not hold
  *
- * Prints figures, one "name value" a line. Exits with 0: the same; 1: differences; 2: bad arguments; 3: a file cannot be read,
+ * Prints figures, one "name value" a line (to stderr where a report goes to stdout). Exits with 0: the same; 1: differences; 2: bad arguments; 3: a file cannot be read,
  * is damaged, of another version or empty, or a report cannot be written.
  */
 #include <math.h>
@@ -150,6 +150,7 @@ int main(int argc, char **argv)
     verdict_t verdict;
     request_t r;
     const char *what;
+    FILE *says = stdout;
     int failed;
     program_name = "aminn_compare";
     failure_status = EXIT_FILE;
@@ -171,13 +172,15 @@ int main(int argc, char **argv)
         judge_replay(&verdict, &r);
     }
     sort_failures(&verdict);
-    print_verdict(&verdict, what, r.shown);
     if (r.json != NULL) {
         write_json(&verdict, what, r.json);
+        says = output_is_stdout() ? stderr : says;
     }
     if (r.junit != NULL) {
         write_junit(&verdict, what, r.junit);
+        says = output_is_stdout() ? stderr : says;
     }
+    print_verdict(&verdict, what, r.shown, says);
     failed = verdict.n_failures > 0;
     free(verdict.failures);
     return failed ? EXIT_DIFFERENT : 0;

@@ -66,22 +66,11 @@ static void print_identity(FILE *says, const aminn_model_t *model)
 static uint32_t predict_all(const aminn_model_t *model, const vector_header_t *vectors, float *rows, int32_t *statuses)
 {
     static aminn_t ctx;
-    const float *samples = (const float *)(vectors + 1);
-    aminn_status_t status = aminn_init(&ctx, model, AMINN_FLAG_ALWAYS_STAGE2);
-    uint32_t i, refused = 0;
+    const aminn_status_t status = aminn_init(&ctx, model, AMINN_FLAG_ALWAYS_STAGE2);
     if (status != AMINN_OK) {
         die("%s: %s", aminn_status_name(status), aminn_status_text(status));
     }
-    for (i = 0; i < vectors->n; ++i) {
-        aminn_input_t in;
-        aminn_output_t out;
-        memcpy(&in, samples + (size_t)i * VECTOR_N_IN, sizeof in);
-        status = aminn_predict(&ctx, &in, &out);
-        statuses[i] = status;
-        refused += status != AMINN_OK;
-        result_row(&out, rows + (size_t)i * RESULT_N_OUT);
-    }
-    return refused;
+    return predict_rows(&ctx, vectors, rows, statuses);
 }
 
 static void write_results(const char *path, uint32_t n, float *rows, int32_t *statuses)

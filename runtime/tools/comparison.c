@@ -39,11 +39,13 @@ void component_name(const failure_t *failure, char *text, size_t size)
 void add_failure(verdict_t *verdict, failure_t failure)
 {
     if (verdict->n_failures == verdict->capacity) {
-        verdict->capacity = verdict->capacity > 0 ? 2 * verdict->capacity : 256;
-        verdict->failures = realloc(verdict->failures, verdict->capacity * sizeof failure);
-        if (verdict->failures == NULL) {
-            die("out of memory for %zu failures", verdict->capacity);
+        const size_t capacity = verdict->capacity > 0 ? 2 * verdict->capacity : 256;
+        failure_t *more = realloc(verdict->failures, capacity * sizeof failure);
+        if (more == NULL) {
+            die("out of memory for %zu failures", capacity);
         }
+        verdict->failures = more;
+        verdict->capacity = capacity;
     }
     verdict->failures[verdict->n_failures++] = failure;
     ++verdict->failed[failure.output];
@@ -109,25 +111,17 @@ results_t results_of(const vector_header_t *header)
 results_t predict_all(const aminn_model_t *model, const vector_header_t *vectors)
 {
     static aminn_t ctx;
-    const float *samples = (const float *)(vectors + 1);
     float *rows = malloc(((size_t)vectors->n * RESULT_N_OUT + 1) * sizeof *rows);
     int32_t *statuses = malloc(((size_t)vectors->n + 1) * sizeof *statuses);
     const aminn_status_t status = aminn_init(&ctx, model, AMINN_FLAG_ALWAYS_STAGE2);
     results_t results;
-    uint32_t i;
     if (rows == NULL || statuses == NULL) {
         die("out of memory for %u samples", (unsigned)vectors->n);
     }
     if (status != AMINN_OK) {
         die("%s: %s", aminn_status_name(status), aminn_status_text(status));
     }
-    for (i = 0; i < vectors->n; ++i) {
-        aminn_input_t in;
-        aminn_output_t out;
-        memcpy(&in, samples + (size_t)i * VECTOR_N_IN, sizeof in);
-        statuses[i] = aminn_predict(&ctx, &in, &out);
-        result_row(&out, rows + (size_t)i * RESULT_N_OUT);
-    }
+    predict_rows(&ctx, vectors, rows, statuses);
     results.n = vectors->n;
     results.rows = rows;
     results.statuses = statuses;
@@ -250,6 +244,7 @@ static sample_t sample_of(uint32_t i, const float *got, const float *want, doubl
     s.got = got;
     s.want = want;
     s.length = length;
+    memset(a, 0, sizeof a);
     for (c = 0; c < N_K_X; ++c) {
         a[c / 6][c % 6] = (double)want[first_word[K_X] + c] * k_x_scale(&s, c);
         s.k_x = fmax(s.k_x, fabs(a[c / 6][c % 6]));

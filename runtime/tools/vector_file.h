@@ -39,6 +39,23 @@ static inline void result_row(const aminn_output_t *out, float row[RESULT_N_OUT]
     row[46] = (float)out->stable;
 }
 
+/* Predicts the samples behind the header of a vector file into rows (n x RESULT_N_OUT) and statuses (n); returns how many
+ * were refused. */
+static inline uint32_t predict_rows(aminn_t *ctx, const vector_header_t *vectors, float *rows, int32_t *statuses)
+{
+    const float *samples = (const float *)(vectors + 1);
+    uint32_t i, refused = 0;
+    for (i = 0; i < vectors->n; ++i) {
+        aminn_input_t in;
+        aminn_output_t out;
+        memcpy(&in, samples + (size_t)i * VECTOR_N_IN, sizeof in);
+        statuses[i] = aminn_predict(ctx, &in, &out);
+        refused += statuses[i] != AMINN_OK;
+        result_row(&out, rows + (size_t)i * RESULT_N_OUT);
+    }
+    return refused;
+}
+
 /* CRC-32 of more bytes: start with 0, feed the result back in. */
 static inline uint32_t vector_crc(uint32_t crc, const void *bytes, size_t n)
 {

@@ -68,16 +68,16 @@ static void print_failure(FILE *file, const failure_t *f)
     }
 }
 
-void print_verdict(const verdict_t *verdict, const char *what, size_t shown)
+void print_verdict(const verdict_t *verdict, const char *what, size_t shown, FILE *says)
 {
     figure_t figures[MAX_FIGURES];
     const int n = figures_of(verdict, figures);
     size_t i;
     int k;
     for (k = 0; k < n; ++k) {
-        printf(figures[k].whole ? "%s %.0f\n" : "%s %.3g\n", figures[k].name, figures[k].value);
+        fprintf(says, figures[k].whole ? "%s %.0f\n" : "%s %.3g\n", figures[k].name, figures[k].value);
     }
-    fflush(stdout);
+    fflush(says);
     if (verdict->n_failures == 0) {
         return;
     }

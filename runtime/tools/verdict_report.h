@@ -2,10 +2,12 @@
 #ifndef AMINN_VERDICT_REPORT_H
 #define AMINN_VERDICT_REPORT_H
 
+#include <stdio.h>
+
 #include "comparison.h"
 
-/* Figures on stdout, one "name value" a line; then at most `shown` failures on stderr, worst first, and their number. */
-void print_verdict(const verdict_t *verdict, const char *what, size_t shown);
+/* Figures to `says`, one "name value" a line; then at most `shown` failures on stderr, worst first, and their number. */
+void print_verdict(const verdict_t *verdict, const char *what, size_t shown, FILE *says);
 
 /* One object: the figures by the names that are printed, "ok", and "failures" with all of them. */
 void write_json(const verdict_t *verdict, const char *what, const char *path);

@@ -40,6 +40,10 @@ if(NOT REPORT MATCHES "<testsuite name=\"aminn_compare\" tests=\"8\" failures=\"
   message(FATAL_ERROR "not the JUnit file that was expected:\n${REPORT}")
 endif()
 
+# reports go where they are asked to, and nowhere else
+run(0 "\"ok\": true" ${COMPARE} --json /dev/stdout ${WORK}/blob.bin ${WORK}/compiled.bin)
+run(3 "is the input" ${COMPARE} --json ${WORK}/blob.bin ${WORK}/blob.bin ${WORK}/compiled.bin)
+
 # files that cannot be judged: 3; arguments: 2
 run(3 "No such file" ${COMPARE} ${MODEL} ${GOLDEN}/golden.bin ${WORK}/none.bin)
 run(3 "neither a model" ${COMPARE} ${WORK}/report.xml ${WORK}/blob.bin)

@@ -43,18 +43,10 @@ static void change(uint8_t *place, int half)
 static int predict(const aminn_model_t *model, const vector_header_t *vectors, float *rows, int32_t *statuses)
 {
     static aminn_t ctx;
-    const float *samples = (const float *)(vectors + 1);
-    uint32_t i;
     if (aminn_init(&ctx, model, AMINN_FLAG_ALWAYS_STAGE2) != AMINN_OK) {
         return 0;
     }
-    for (i = 0; i < vectors->n; ++i) {
-        aminn_input_t in;
-        aminn_output_t out;
-        memcpy(&in, samples + (size_t)i * VECTOR_N_IN, sizeof in);
-        statuses[i] = aminn_predict(&ctx, &in, &out);
-        result_row(&out, rows + (size_t)i * RESULT_N_OUT);
-    }
+    predict_rows(&ctx, vectors, rows, statuses);
     return 1;
 }
 
