@@ -7,6 +7,7 @@ all write the same bytes.
 
 from __future__ import annotations
 
+import functools
 import re
 import shutil
 import subprocess
@@ -20,10 +21,6 @@ from .firmware import BOARDS, build_firmware, run_firmware
 from .runtime_place import REPLAY_SOURCES
 
 RUNTIME = Path(__file__).resolve().parents[3] / "runtime"
-# As in runtime/CMakeLists.txt, without the warnings.
-OPTIONS = (
-    "-fno-exceptions -fno-rtti -fno-threadsafe-statics -fno-math-errno -fno-trapping-math -ffp-contract=off".split()
-)
 DEBIAN_PACKAGES = "clang-14 qemu-user g++-aarch64-linux-gnu g++-riscv64-linux-gnu g++-powerpc-linux-gnu"
 TIMEOUT_S = 1800
 
@@ -79,6 +76,14 @@ def run(command: list[str], what: str) -> str:
     return done.stdout
 
 
+@functools.cache
+def own_options() -> tuple[str, ...]:
+    """The project's own options of the library, but for warnings and what is for firmware alone."""
+    text = (RUNTIME / "cmake" / "options.cmake").read_text()
+    lists = re.findall(r"^set\(AMINN_RT_(\w+)[^\n]*\n([^)]*)\)", text, re.MULTILINE)
+    return tuple(option for name, options in lists if name != "EMBEDDED" for option in options.split())
+
+
 def build_hosted(target: Hosted, model_dir: Path, prefix: str, build_dir: Path) -> Path:
     """Compile library, model and replay program; returns the program."""
     build_dir.mkdir(parents=True, exist_ok=True)
@@ -86,7 +91,8 @@ def build_hosted(target: Hosted, model_dir: Path, prefix: str, build_dir: Path) 
     model = [f'-DAMINN_REPLAY_HEADER="{prefix}.h"', f"-DAMINN_REPLAY_MODEL={prefix}"]
     flags = target.flags.split()
     jobs = [
-        [target.cxx, "-std=c++17", *OPTIONS, *flags, *include, "-c", str(s)] for s in (RUNTIME / "src").glob("*.cpp")
+        [target.cxx, "-std=c++17", *own_options(), *flags, *include, "-c", str(s)]
+        for s in (RUNTIME / "src").glob("*.cpp")
     ]
     c_sources = [model_dir / f"{prefix}.c", *(RUNTIME / "tools" / name for name in REPLAY_SOURCES)]
     jobs += [[target.compiler, "-std=c99", *flags, *model, *include, "-c", str(s)] for s in c_sources]
