@@ -60,7 +60,7 @@ static void fill_joints(void)
     read_encoders(counts);
     for (j = 0; j < AMINN_N_JOINT; ++j) {
         const int turned = encoder_sign[j] * (counts[j] - encoder_zero[j]);
-        state.q[j] = (float)(turned * 2.0 * 3.14159265358979323846 / COUNTS_PER_TURN);
+        state.q[j] = (float)(turned * 2.0 * 3.14159265358979323846 / (double)COUNTS_PER_TURN);
     }
 }
 

@@ -46,11 +46,14 @@ template <class AnyRegister>
 constexpr int kLanes = sizeof(AnyRegister) / sizeof(float);
 constexpr int kRegisters = 5; // of outputs at most: with two sums each, and one for a weight, they fit 16
 
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Warray-bounds" // of pointers that are null, which gcc's sanitizers look for
 template <class AnyRegister>
 AMINN_INLINE void load(const float *w, AnyRegister &r)
 {
     std::memcpy(&r, w, sizeof r);
 }
+#pragma GCC diagnostic pop
 
 template <class AnyRegister>
 AMINN_INLINE void load(const uint16_t *w, AnyRegister &r)

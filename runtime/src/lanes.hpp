@@ -505,7 +505,7 @@ class WeightedRows {
     }
     AMINN_INLINE void products_of(int j, Row &to) const
     {
-        weighted_sum(to, rows_, kCount, [=](int r) { return weighted_[r][j]; });
+        weighted_sum(to, rows_, kCount, [this, j](int r) { return weighted_[r][j]; });
     }
 
   private:

@@ -15,13 +15,14 @@
  * Prints figures, one "name value" a line (to stderr where a report goes to stdout). Exits with 0: the same; 1: differences; 2: bad arguments; 3: a file cannot be read,
  * is damaged, of another version or empty, or a report cannot be written.
  */
+#include "host_file.h" /* first */
+
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "comparison.h"
-#include "host_file.h"
 #include "verdict_report.h"
 
 enum { EXIT_DIFFERENT = 1, EXIT_USAGE = 2, EXIT_FILE = 3, MODEL_MAGIC = 0x4D4E4D41 };

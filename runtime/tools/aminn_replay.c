@@ -14,7 +14,8 @@
  *
  *   aminn_replay_model VECTORS.bin OUT.bin
  */
-#define _POSIX_C_SOURCE 200809L
+#include "host_file.h" /* first */
+
 #include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -22,7 +23,6 @@
 #include <time.h>
 
 #include "aminn_rt.h"
-#include "host_file.h"
 #include "vector_file.h"
 #ifdef AMINN_REPLAY_HEADER
 #include AMINN_REPLAY_HEADER

@@ -5,6 +5,11 @@
 #ifndef AMINN_HOST_FILE_H
 #define AMINN_HOST_FILE_H
 
+/* posix_memalign and clock_gettime of the system's headers: this one is the first of a source. */
+#ifndef _POSIX_C_SOURCE
+#define _POSIX_C_SOURCE 200809L
+#endif
+
 #include <stdio.h>
 
 #include "aminn_rt.h"
