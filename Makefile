@@ -53,7 +53,7 @@ demo: setup-python setup-host setup-arm ## the whole path: simulate, train, comp
 	@$(PYTHON) -m aminn.demo --build $(BUILD)
 
 .PHONY: test
-test: setup-python setup-view setup-host-tests setup-arm ## lint, C tests, Python tests, and the golden vectors on the emulated Cortex-M7
+test: setup-python setup-view setup-host-tests setup-arm $(STAMPS)/apt-fuzz ## lint, C tests, Python tests, and the golden vectors on the emulated Cortex-M7
 	@$(MAKE) --no-print-directory lint
 	@mkdir -p $(BUILD)/test
 	@ctest --test-dir $(HOST) --output-on-failure --no-tests=error --parallel $(JOBS) \

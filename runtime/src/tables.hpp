@@ -2,6 +2,8 @@
 #ifndef AMINN_SRC_TABLES_HPP
 #define AMINN_SRC_TABLES_HPP
 
+#include "compiler.hpp" // first
+
 #include <cstddef>
 #include <cstdint>
 #include <cstring>

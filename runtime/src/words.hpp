@@ -2,6 +2,8 @@
 #ifndef AMINN_SRC_WORDS_HPP
 #define AMINN_SRC_WORDS_HPP
 
+#include "compiler.hpp" // first
+
 namespace aminn {
 
 // Text number n of those in `all`, each of which ends with a zero; the last one, number `last`, stands for all beyond.
