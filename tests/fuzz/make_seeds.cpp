@@ -59,11 +59,12 @@ Bytes blob_of(const aminn_model_t &m)
 {
     Bytes bytes;
     put_header(bytes, m);
-    for (const aminn::TableInfo &table : aminn::kTables) {
-        const auto *values =
-            static_cast<const float *>(aminn::table_pointer(m, table)); // the seeds' weights are float32
-        const size_t end = bytes.size() + aminn::table_room(m, table);
-        for (uint32_t i = 0; i < aminn::table_length(m, table); ++i) {
+    for (const aminn::TableInfo &info : aminn::kTables) {
+        aminn::Table table;
+        aminn::find_table(m, info, table);
+        const auto *values = static_cast<const float *>(table.numbers); // the seeds' weights are float32
+        const size_t end = bytes.size() + aminn::table_room(m, info);
+        for (uint32_t i = 0; i < table.n; ++i) {
             put(bytes, values[i]);
         }
         bytes.resize(end);

@@ -1,5 +1,6 @@
 /* self_test.cpp: what is wrong is found, and named; what is right is left as it was */
 #include <fenv.h>
+#include <float.h>
 #include <stdlib.h>
 #if defined(__SSE__)
 #include <xmmintrin.h>
@@ -77,10 +78,24 @@ static void a_context_that_is_none_is_refused(void)
     FOUND(AMINN_E_NOT_INITIALISED);
 }
 
+/* a sum and a product whose results say which mode is set; emulators such as valgrind ignore some */
+static int ignores_modes(int mode)
+{
+    volatile float one = 1.0F, share = 0x1.8p-25F, smallest = FLT_MIN, sum, product;
+    fesetround(mode);
+    sum = one + share;
+    product = 0.5F * smallest;
+    fesetround(FE_TONEAREST);
+    return (mode != FE_TONEAREST && sum == 1.0F) || (mode == FE_TONEAREST && product != 0.0F);
+}
+
 static void rounding_that_is_not_to_nearest_is_named(void)
 {
     static const int modes[] = {FE_UPWARD, FE_DOWNWARD, FE_TOWARDZERO};
     size_t i;
+    if (ignores_modes(FE_UPWARD)) {
+        TEST_IGNORE_MESSAGE("this machine rounds to nearest whatever it is told");
+    }
     for (i = 0; i < sizeof modes / sizeof modes[0]; ++i) {
         aminn_status_t status;
         fesetround(modes[i]);
@@ -96,7 +111,14 @@ static void flushing_to_zero_is_named(void)
 {
     static const unsigned modes[] = {0x8000u, 0x0040u, 0x8040u}; /* results; inputs; both */
     const unsigned kept = _mm_getcsr();
+    int ignored;
     size_t i;
+    _mm_setcsr(kept | 0x8040u);
+    ignored = ignores_modes(FE_TONEAREST);
+    _mm_setcsr(kept);
+    if (ignored) {
+        TEST_IGNORE_MESSAGE("this machine flushes nothing whatever it is told");
+    }
     for (i = 0; i < sizeof modes / sizeof modes[0]; ++i) {
         aminn_status_t status;
         _mm_setcsr(kept | modes[i]);

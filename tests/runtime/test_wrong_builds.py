@@ -73,12 +73,16 @@ CASES = [
 
 
 @pytest.mark.parametrize(("compiler", "flags", "name"), CASES)
-def test_a_wrong_core_is_named(objects: Path, tmp_path: Path, compiler: str, flags: str, name: str) -> None:
+def test_a_wrong_core_is_named(
+    objects: Path, tmp_path: Path, trust: dict[str, int], compiler: str, flags: str, name: str
+) -> None:
     if shutil.which(compiler) is None or ("-mfma" in flags and "fma" not in Path("/proc/cpuinfo").read_text()):
         pytest.skip(f"no {compiler}, or a processor without FMA")
     core = tmp_path / "cascade.o"
     compile_cxx(compiler, f"{UNGUARDED} {flags}", RUNTIME / "src" / "cascade.cpp", core)
     assert answer(objects, tmp_path, cascade=core) == name
+    if name != "AMINN_OK":
+        trust["self_test_wrong_cores_named"] = trust.get("self_test_wrong_cores_named", 0) + 1
 
 
 def test_another_source_compiled_wrongly_gives_other_bits(objects: Path, tmp_path: Path) -> None:
