@@ -16,7 +16,8 @@ from aminn.checkpoint import Checkpoint
 from aminn.cli import main
 from aminn.dataset import Dataset
 from aminn.dims import LENGTH_SCALE_M
-from aminn.explain import as_text, draw, explain_sample
+from aminn.explain import RING_M, SHIFT_M, as_text, draw, explain_sample, softest
+from aminn.grasp_picture import GraspPicture, draw_grasp, load_legend, turning
 from aminn_base.errors import AminnError
 
 
@@ -60,6 +61,64 @@ def test_picture_into_a_fifo_and_through_a_link(
     (tmp_path / "e.svg").symlink_to("there.svg")
     draw(e, tmp_path / "e.svg")
     assert (tmp_path / "e.svg").is_symlink() and b"<svg" in (tmp_path / "there.svg").read_bytes()
+
+
+def test_softest_motions_are_those_of_the_stiffness(runs: dict[str, Checkpoint], dataset: Dataset) -> None:
+    """A stiffness whose principal motions are known: turns about y and about an oblique axis, then a shift along x."""
+    oblique = np.array([0.6, 0, 0.8])
+    motions = np.zeros((6, 6))
+    motions[[4, 0, 1, 2], [0, 2, 3, 4]] = 1.0
+    motions[3:, 1], motions[3:, 5] = oblique, np.cross(oblique, [0, 1.0, 0])
+    compliances = np.array([9.0, 7.0, 5.0, 3.0, 2.0, 1.0]) * 1e-3
+    s = np.repeat([1.0, 1.0 / LENGTH_SCALE_M], 3)
+    k_x = motions @ np.diag(1 / compliances) @ motions.T / np.outer(s, s)
+    e = replace(explain_sample(runs["aminn"], dataset, 7), k_x=k_x)
+    found, origin = softest(e), e.row("x_ht")[:3]
+    np.testing.assert_allclose([m.compliance for m in found], compliances[:3])
+    for motion, wanted in zip(found, motions.T[:3], strict=True):
+        have = np.concatenate([motion.shift, motion.turn])
+        np.testing.assert_allclose(have * np.sign(have @ wanted), wanted, atol=1e-9)
+    for turn in found[:2]:
+        arc, _, axis = turn.lines
+        np.testing.assert_allclose(np.linalg.norm(np.cross(arc - origin, turn.turn), axis=1), RING_M)
+        np.testing.assert_allclose(np.cross(axis[1] - axis[0], turn.turn), 0, atol=1e-12)
+    (line,) = found[2].lines
+    np.testing.assert_allclose(np.abs(line - origin), [[SHIFT_M, 0, 0]] * 2, atol=1e-12)
+    assert all(f"{1e3 * c:.4f} mm/N" in as_text(e) for c in compliances)
+
+
+def picture_of(dataset: Dataset, w_e: list[float]) -> GraspPicture:
+    s = {name: dataset.samples[name][7] for name in ("q", "q_after", "x_ht", "dx_ht", "contacts")}
+    grasp = int(dataset.grasp_rows()[7])
+    shape = {name: dataset.grasps[name][grasp] for name in ("tool_geoms", "tool_size_m")}
+    return GraspPicture(hand=dataset.manifest["hand"], tool_family="capsule", w_e=np.array(w_e), **s, **shape)
+
+
+@pytest.mark.parametrize(
+    ("w_e", "labels"),
+    [
+        ([0, 3.0, 0, 0, 0, 0], ["3.0 N"]),
+        ([0, 0, 0, 0, 0.02, 0], ["0.020 N.m"]),
+        ([0, 3.0, 0, 0.02, 0, 0], ["0.020 N.m", "3.0 N"]),
+        ([0.0] * 6, []),
+    ],
+)
+def test_picture_shows_force_and_moment_where_there_is_one(dataset: Dataset, w_e: list[float], labels: list) -> None:
+    figure, caption = draw_grasp(picture_of(dataset, w_e))
+    before, under = figure.axes
+    assert sorted(t.get_text() for t in under.texts) == labels and not before.texts
+    assert len([line for line in under.lines if line.get_linestyle() == "-"]) == 2 * ("0.020 N.m" in labels)
+    legend = load_legend(np.array(w_e))
+    assert legend in caption
+    assert [word in legend for word in ("force", "moment")] == [any(w_e[:3]), any(w_e[3:])]
+
+
+def test_a_curved_arrow_turns_by_the_right_hand() -> None:
+    for axis in np.vstack([np.eye(3), -np.eye(3), [[1.0, 2, -2]]]):
+        arc, head = turning(axis, np.array([0.1, 0, 0]), 0.03)
+        moved = np.cross(arc[:-1] - [0.1, 0, 0], np.diff(arc, axis=0)) @ axis
+        assert (moved > 0).all()
+        assert (np.cross(head[0] - [0.1, 0, 0], head[1] - head[0]) @ axis) > 0
 
 
 def test_command(runs: dict[str, Checkpoint], data_dir: Path, tmp_path: Path) -> None:

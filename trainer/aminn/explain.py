@@ -9,8 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from mpl_toolkits.mplot3d.axes3d import Axes3D
-from mpl_toolkits.mplot3d.proj3d import proj_transform
 from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError
@@ -25,6 +23,7 @@ from .origin import check_hand, same_configuration
 
 Array = NDArray[np.float64]
 PICTURES = (".png", ".svg", ".pdf")
+LEAST_SHARE, SHIFT_M, SPOKE_M, RING_M = 0.25, 0.05, 0.055, 0.011
 
 
 @dataclass(frozen=True)
@@ -158,27 +157,55 @@ def as_text(e: Explanation) -> str:
     return "\n".join(lines)
 
 
-def _on_picture(ax: Axes3D, points: Array) -> Array:
-    """Points (n, 3) of the scene as points (n, 2) of the picture, for what must stand in front of everything."""
-    x, y, _ = proj_transform(*points.T, ax.get_proj())
-    return np.stack([x, y], 1)
+@dataclass(frozen=True)
+class SoftMotion:
+    """A principal motion of the tool as a picture shows it; lengths in m, axes of the hand."""
+
+    compliance: float  # m/N
+    shift: Array  # (3,) its share of translation
+    turn: Array  # (3,) its share of rotation, times 0.1 m
+    lines: tuple[Array, ...]  # (n, 3) each: one along the shift through the tool's origin; the turn's axis, with a ring
+    label_at: Array  # (3,)
+
+
+def softest(e: Explanation, count: int = 3) -> list[SoftMotion]:
+    """The motions that the grasp resists least, of all six, softest first; shares below a quarter are not drawn."""
+    from .grasp_picture import turning
+
+    compliances, directions = e.principal()
+    origin, motions = e.row("x_ht")[:3], []
+    for rank in range(count):
+        shift, turn = directions[:3, rank], directions[3:, rank]
+        lines: list[Array] = []
+        label_at = origin
+        if np.linalg.norm(turn) > LEAST_SHARE:
+            axis = turn / np.linalg.norm(turn)
+            lines += turning(axis, origin + SPOKE_M * axis, RING_M)
+            lines.append(np.stack([origin, origin + (SPOKE_M + RING_M) * axis]))
+            label_at = lines[-1][1]
+        if np.linalg.norm(shift) > LEAST_SHARE:
+            reach = SHIFT_M * shift
+            lines.append(np.stack([origin - reach, origin + reach]))
+            label_at = origin + reach if np.linalg.norm(shift) > np.linalg.norm(turn) else label_at
+        motions.append(SoftMotion(float(compliances[rank]), shift, turn, tuple(lines), label_at))
+    return motions
 
 
 def draw(e: Explanation, out: Path) -> None:
-    """The picture: the hand with tool, engagement and springs at the fingers, the softest directions at the tool.
+    """The picture: the hand with tool, engagement and springs at the fingers, the three softest motions at the tool.
 
     Its kind is the name's ending, of a device or FIFO without one PNG.
     """
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-    from .grasp_picture import BRANCH_COLOURS, LABEL, branch_points, draw_scene
+    from .grasp_picture import BRANCH_COLOURS, LABEL, branch_points, draw_scene, load_legend, on_picture
 
     kind = out.suffix or (".png" if out.exists() and not out.is_file() else "")
     if kind not in PICTURES:
         raise AminnError(f"{out}: pictures are written as {', '.join(PICTURES)}")
     figure = Figure(figsize=(10.8, 5.6), dpi=130)
-    ax = figure.add_axes((0.0, 0.04, 0.62, 0.94), projection="3d", computed_zorder=True)
+    ax = figure.add_axes((0.0, 0.07, 0.62, 0.93), projection="3d", computed_zorder=True)
     hand = e.data.manifest["hand"]
     grasp = int(e.data.grasp_rows()[e.sample])
     draw_scene(
@@ -189,19 +216,17 @@ def draw(e: Explanation, out: Path) -> None:
         e.data.grasps["tool_geoms"][grasp],
         np.asarray(e.data.grasps["tool_size_m"][grasp], float),
         e.row("w_e"),
-        "springs, tendons and softest directions",
+        "springs, tendons and softest motions",
     )
-    compliances, directions = e.principal()
-    origin = 1e3 * e.row("x_ht")[:3]
-    moving = [k for k in range(6) if np.linalg.norm(directions[:3, k]) > 0.5][:3]
-    for rank, k in enumerate(moving):
-        v = 30 * directions[:3, k] * (compliances[k] / compliances[moving[0]]) ** 0.5
-        ends = _on_picture(ax, np.stack([origin - v, origin + v]))
-        ax.add_line(Line2D(*ends.T, color="#111111", linewidth=2.6 - 0.7 * rank, zorder=100))
-        label = f"{1e3 * compliances[k]:.3f} mm/N"
-        ax.annotate(label, ends[1], fontsize=8, ha="center", va="bottom", bbox=LABEL, zorder=101)
+    for rank, motion in enumerate(softest(e)):
+        style = {"color": "#111111", "linewidth": 2.6 - 0.8 * rank, "zorder": 100}
+        for line in motion.lines:
+            ax.add_line(Line2D(*on_picture(ax, line).T, **style))
+        at = on_picture(ax, motion.label_at[None])[0]
+        label = f"{rank + 1}: {1e3 * motion.compliance:.3g} mm/N"
+        ax.annotate(label, at, fontsize=8, ha="center", va="bottom", bbox=LABEL, zorder=101)
     for b, colour in enumerate(BRANCH_COLOURS):
-        foot = _on_picture(ax, 1e3 * branch_points(hand, b, e.row("q"))[:1])[0]
+        foot = on_picture(ax, branch_points(hand, b, e.row("q"))[:1])[0]
         text = (
             f"{BRANCHES[b]}\nengaged {e.gate[b]:.2f}" if e.row("contacts")[b, 0] > 0 else f"{BRANCHES[b]}\nno contact"
         )
@@ -232,8 +257,8 @@ def draw(e: Explanation, out: Path) -> None:
             panel.spines[side].set_visible(False)
     bars.tick_params(axis="x", labelsize=5.5)
     verdict = f"p_stable {e.p_stable:.3f} (threshold {e.tau:.3f})"
-    force = " Red: the force." if np.linalg.norm(e.row("w_e")[:3]) > 0 else ""
-    text = f"Load case {e.sample}: {verdict}.{force} Black: the softest directions."
+    black = "Black, 1 to 3: what K_x resists least. A line: a shift along it; a ring: a turn about its axis."
+    text = f"Load case {e.sample}: {verdict}. {load_legend(e.row('w_e'))}\n{black}"
     figure.text(0.02, 0.02, text, fontsize=8)
     picture = io.BytesIO()
     figure.savefig(picture, format=kind.removeprefix("."), facecolor="white")

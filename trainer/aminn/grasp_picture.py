@@ -1,4 +1,4 @@
-"""A picture of a grasp before and under load: the hand's links, the tool, the contacts and the force."""
+"""A picture of a grasp before and under load: the hand's links, the tool, the force and the moment."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ from itertools import pairwise
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from mpl_toolkits.mplot3d.axes3d import Axes3D
+from mpl_toolkits.mplot3d.proj3d import proj_transform
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -24,6 +26,7 @@ LIGHT = np.array([0.4, -0.5, 0.77])
 # Motions smaller than this are drawn larger, and the caption says so.
 VISIBLE_M = 0.006
 ARROW_M = 0.04
+TURN_M, TURN_ANGLE = 0.032, 1.5 * math.pi  # of the curved arrow about a moment's axis
 # Where the camera may stand, degrees: the thumb is left or right of the fingers, never in front of them.
 ELEVATION, AZIMUTHS = 18, (-28, 28, 152, -152)
 
@@ -43,7 +46,7 @@ class GraspPicture:
     dx_ht: Array
     """Simulated displacement (6)."""
     w_e: Array
-    """The load (6), N and N.m."""
+    """The load (6), N and N.m; the moment is about the tool's origin."""
     contacts: Array
     """Contact rows before the load (3, 8)."""
     tool_family: str
@@ -198,36 +201,77 @@ def _draw_ghost(ax: Axes3D, picture: GraspPicture) -> None:
     ax.add_collection3d(edges)
 
 
+def turning(axis: Array, centre: Array, radius: float) -> tuple[Array, Array]:
+    """A curved arrow that turns about `axis` by the right hand: its arc (n, 3), and its head (3, 3)."""
+    z = axis / np.linalg.norm(axis)
+    x = np.cross(z, [1.0, 0, 0] if abs(z[0]) < 0.9 else [0, 1.0, 0])
+    x /= np.linalg.norm(x)
+    y = np.cross(z, x)
+    angle = np.linspace(0, TURN_ANGLE, 40)[:, None]
+    arc = centre + radius * (np.cos(angle) * x + np.sin(angle) * y)
+    out = math.cos(TURN_ANGLE) * x + math.sin(TURN_ANGLE) * y
+    back, tip = 0.3 * radius * np.cross(out, z), arc[-1]  # against the motion there
+    return arc, np.stack([tip + back + 0.15 * radius * out, tip, tip + back - 0.15 * radius * out])
+
+
 def _draw_load(ax: Axes3D, w_e: Array, tool_size_m: Array, pose: Array) -> None:
-    """The force as an arrow that leaves the tool where its line through the tool's origin does."""
-    force = np.asarray(w_e[:3], float)
+    """The force as a straight arrow, the moment about the tool's origin as a curved one; what is zero is left out."""
+    if np.linalg.norm(w_e[:3]) > 0:
+        _draw_force(ax, np.asarray(w_e[:3], float), tool_size_m, pose)
+    if np.linalg.norm(w_e[3:]) > 0:
+        _draw_moment(ax, np.asarray(w_e[3:], float), np.asarray(pose[:3], float))
+
+
+def on_picture(ax: Axes3D, points: Array) -> Array:
+    """Points (n, 3), m, as points (n, 2) of the framed picture, for what must stand in front of everything."""
+    x, y, _ = proj_transform(*(1e3 * points.T), ax.get_proj())
+    return np.stack([x, y], 1)
+
+
+def _draw_moment(ax: Axes3D, moment: Array, origin: Array) -> None:
+    size = float(np.linalg.norm(moment))
+    axis = moment / size
+    for line in turning(axis, origin, TURN_M):
+        ax.add_line(Line2D(*on_picture(ax, line).T, color=LOAD_COLOUR, linewidth=2.2, zorder=99))
+    ends = on_picture(ax, origin + np.outer([-1.0, 1.4], 1.1 * TURN_M * axis))
+    ax.add_line(Line2D(*ends.T, color=LOAD_COLOUR, linewidth=0.9, linestyle=(0, (4, 2)), zorder=99))
+    text = {"color": LOAD_COLOUR, "fontsize": 9, "ha": "center", "va": "center", "bbox": LABEL, "zorder": 101}
+    ax.annotate(f"{size:.3f} N.m", ends[1], **text)
+
+
+def _draw_force(ax: Axes3D, force: Array, tool_size_m: Array, pose: Array) -> None:
+    """An arrow that leaves the tool where the force's line through the tool's origin does."""
     size = float(np.linalg.norm(force))
-    if size == 0:
-        return
     along = rotation_matrix(pose[3:]).T @ force / size
     depth = float((np.asarray(tool_size_m) / np.maximum(np.abs(along), 1e-9)).min())
     start, vector = 1e3 * (pose[:3] + (depth + 0.002) * force / size), 1e3 * ARROW_M * force / size
     ax.quiver(*start, *vector, color=LOAD_COLOUR, linewidth=2.2, arrow_length_ratio=0.3)
-    a = math.radians(_azimuth(force))
+    a = math.radians(ax.azim)
     to_the_right = math.cos(a) * force[1] - math.sin(a) * force[0] >= 0
     side = "left" if to_the_right else "right"
     text = {"color": LOAD_COLOUR, "fontsize": 9, "ha": side, "va": "center", "bbox": LABEL, "zorder": 101}
     ax.text(*(start + 1.15 * vector), f"{size:.1f} N", **text)
 
 
-def _azimuth(force: Array) -> float:
-    """The side to look from: where the force points across the picture, or rather towards the reader."""
-    size = max(float(np.linalg.norm(force)), 1e-9)
+def _azimuth(w_e: Array) -> float:
+    """The side to look from: where the force points across the picture, or rather towards the reader.
+
+    A moment alone is seen from where it turns in the picture rather than across it.
+    """
+    alone = not np.any(w_e[:3])
+    arrow, wanted = (np.asarray(w_e[3:], float), 0.7) if alone else (np.asarray(w_e[:3], float), 0.2)
+    size = max(float(np.linalg.norm(arrow)), 1e-9)
 
     def towards(azimuth: float) -> float:
         a, e = math.radians(azimuth), math.radians(ELEVATION)
         view = np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
-        return float(view @ force) / size
+        across = float(view @ arrow) / size
+        return abs(across) if alone else across
 
-    return min(AZIMUTHS, key=lambda azimuth: abs(towards(azimuth) - 0.2))
+    return min(AZIMUTHS, key=lambda azimuth: abs(towards(azimuth) - wanted))
 
 
-def _frame(ax: Axes3D, points: Array, title: str, azimuth: float) -> None:
+def _frame(ax: Axes3D, points: Array, title: str) -> None:
     """Equal axes around the points, no clutter."""
     middle, half = 0.5 * (points.max(0) + points.min(0)), 0.5 * float(np.ptp(points, axis=0).max())
     for setter, m in zip((ax.set_xlim, ax.set_ylim, ax.set_zlim), middle, strict=True):
@@ -243,7 +287,6 @@ def _frame(ax: Axes3D, points: Array, title: str, azimuth: float) -> None:
     ax.set_ylabel("y, mm", fontsize=8, labelpad=-6)
     ax.set_zlabel("z, mm", fontsize=8, labelpad=-6)
     ax.locator_params(nbins=4)
-    ax.view_init(elev=ELEVATION, azim=azimuth)
 
 
 def magnification(dx: Array) -> int:
@@ -261,20 +304,31 @@ def _caption(picture: GraspPicture, factor: int) -> str:
     text = f"The {picture.tool_family} under {load} moves {motion(picture.dx_ht)} in the hand"
     if picture.predicted_dx is not None:
         text += f"; predicted: {motion(picture.predicted_dx)}"
-    text += ". Dashed and grey: before the load. Red: the force, in the tool's origin."
+    text += f". Dashed and grey: before the load. {load_legend(picture.w_e)}"
     return text + (f" The motion is drawn {factor} times as large." if factor > 1 else "")
+
+
+def load_legend(w_e: Array) -> str:
+    """What is red in a picture."""
+    parts = []
+    if np.any(w_e[:3]):
+        parts.append("the force, in the tool's origin")
+    if np.any(w_e[3:]):
+        parts.append("curved, the moment about it" if parts else "the moment, about the dashed axis")
+    return f"Red: {'; '.join(parts)}." if parts else "No load."
 
 
 def draw_scene(
     ax: Axes3D, hand: Mapping, q: Array, x_ht: Array, tool_geoms: Array, tool_size_m: Array, w_e: Array, title: str
 ) -> None:
-    """One state of a grasp with the load: hand, see-through tool, force."""
+    """One state of a grasp with the load: hand, see-through tool, force and moment."""
+    ax.view_init(elev=ELEVATION, azim=_azimuth(w_e))
     faces = _placed(tool_faces(tool_geoms), x_ht)
     _draw_hand(ax, hand, q)
     _draw_solid(ax, faces, TOOL_COLOUR, 0.35)
-    _draw_load(ax, w_e, tool_size_m, x_ht)
     reach = [branch_points(hand, b, q) for b in range(len(BRANCH_COLOURS))]
-    _frame(ax, np.concatenate([*reach, *faces]), title, _azimuth(np.asarray(w_e[:3])))
+    _frame(ax, np.concatenate([*reach, *faces]), title)
+    _draw_load(ax, w_e, tool_size_m, x_ht)
 
 
 def draw_grasp(picture: GraspPicture) -> tuple[Figure, str]:
@@ -294,10 +348,12 @@ def draw_grasp(picture: GraspPicture) -> tuple[Figure, str]:
     for k, ((q, pose), title) in enumerate(zip(states, ("before the load", "under load"), strict=True)):
         ax = figure.add_subplot(1, 2, k + 1, projection="3d", computed_zorder=True)
         ax.patch.set_visible(False)  # it would hide the other's axis label
+        ax.view_init(elev=ELEVATION, azim=_azimuth(picture.w_e))
         _draw_hand(ax, picture.hand, q)
         _draw_solid(ax, _placed(tool_faces(picture.tool_geoms), pose), TOOL_COLOUR, 0.8)
         if k == 1:
             _draw_ghost(ax, picture)
+        _frame(ax, points, title)
+        if k == 1:
             _draw_load(ax, picture.w_e, half, pose)
-        _frame(ax, points, title, _azimuth(np.asarray(picture.w_e[:3])))
     return figure, _caption(picture, factor)
