@@ -13,7 +13,7 @@
  *   SI everywhere: m, rad, N, N.m. Poses are a position (m) and a rotation vector (rad): the axis times the angle, not a
  *   quaternion's vector part. Matrices are row-major C arrays: a[row][column]. All numbers are float (IEEE binary32).
  *
- * FRAMES, SIGNS, TIMES (of the reference hand)
+ * FRAMES, SIGNS, TIMES (of the reference hand; docs/runtime.md has what misreadings cost, and how to find them)
  *
  *   from finger 1's side, along -x                onto the palm, along -z
  *                                                     roll                 roll

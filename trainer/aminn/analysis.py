@@ -71,7 +71,7 @@ def breakdown(prediction: Prediction, data: Dataset) -> dict[str, float]:
     return figures
 
 
-def _turned(r: Array, rotvec: Array) -> Array:
+def turned(r: Array, rotvec: Array) -> Array:
     """Vectors r (..., 3) turned by rotation vectors (..., 3)."""
     angle = np.linalg.norm(rotvec, axis=-1, keepdims=True)
     axis = rotvec / np.maximum(angle, 1e-12)
@@ -85,7 +85,7 @@ def contact_slip(data: Dataset) -> Array:
     s, nominal = data.samples, nominal_from_hand(data.manifest["hand"])
     contacts, dx = s["contacts"], s["dx_ht"]
     r = contacts[..., 1:4] - s["x_ht"][:, None, :3]
-    tool = s["x_ht"][:, None, :3] + dx[:, None, :3] + _turned(r, dx[:, None, 3:])
+    tool = s["x_ht"][:, None, :3] + dx[:, None, :3] + turned(r, dx[:, None, 3:])
     gap = tool - fingertips(nominal, s["q"], s["q_after"], contacts[..., 1:4])
     normal = contacts[..., 4:7]
     return contacts[..., 0] * np.linalg.norm(gap - (gap * normal).sum(-1, keepdims=True) * normal, axis=-1)

@@ -197,9 +197,9 @@ def ask(conversation: Conversation, floats: bytes) -> tuple[int, NDArray[np.floa
 def identity_of(conversation: Conversation) -> Identity:
     """What runs on the board. Raises AminnError on a bad line, or if the board speaks another version."""
     body = conversation.ask(IDENTITY, b"", bytes(_FIRST_QUESTION))
-    texts = [text.rstrip(b"\0").decode("ascii", "replace") for text in _IDENTITY.unpack(body)[:4]]
-    checkpoint, data, *numbers = _IDENTITY.unpack(body)[4:]
-    return Identity(*texts, checkpoint.hex(), data.hex(), *numbers)
+    *texts, checkpoint, data, version, crc, tau, self_test = _IDENTITY.unpack(body)
+    name, hand, made_by, library = (text.rstrip(b"\0").decode("ascii", "replace") for text in texts)
+    return Identity(name, hand, made_by, library, checkpoint.hex(), data.hex(), version, crc, tau, self_test)
 
 
 def check_identity(conversation: Conversation, model: BinModel) -> Identity:
