@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from aminn_base.read import AnyPath, read_toml
 
 from . import _core
 from .errors import SimulationError
+from .mjcf import NOWHERE, ModelFiles, read_model
 
 N_JOINT = _core.DIMENSIONS[2]
 AXES = ("size", "spread", "curl")
@@ -53,6 +53,10 @@ class HandFile:
     """(3) 1/rad."""
     ranges: Array
     """(3, 2) sampled range of psi."""
+    text: bytes
+    """The hand file's own content."""
+    model: ModelFiles
+    """Content of every file that the scene is made of, as it was when the hand file was read."""
 
     def simulator(self) -> _core.Simulator:
         """The compiled hand. Raises SimulationError if the model or the synergy range cannot be used."""
@@ -60,10 +64,23 @@ class HandFile:
         low, high = np.ascontiguousarray(self.ranges.T)
         try:
             simulator = _core.Simulator(
-                str(self.scene), torsional, self.neutral_rad, list(self.columns), self.delta, low, high
+                self.model.by_name(),
+                self.scene.name,
+                torsional,
+                self.neutral_rad,
+                list(self.columns),
+                self.delta,
+                low,
+                high,
             )
         except _core.MujocoError as error:
-            raise SimulationError(f"{self.path}: the model that `scene` names cannot be used: {error}") from error
+            why = str(error).replace(NOWHERE, f"{self.scene.parent}/")
+            raise SimulationError(f"{self.path}: the model that `scene` names cannot be used: {why}") from error
+        if self.model.lost:
+            raise SimulationError(
+                f"{self.path}: the model that `scene` names cannot be used: {self.model.lost[0]} cannot be followed, "
+                "so what the engine reads would not be known; name files in plain XML, relative to the scene"
+            )
         self._check_reach(simulator)
         return simulator
 
@@ -88,12 +105,13 @@ class HandFile:
         return max(simulator.gap(np.array(psi)) for psi in itertools.product(*self.ranges))
 
     def model_hashes(self) -> dict[str, str]:
-        """SHA-256 of the hand file and of every MJCF file that its scene is made of, by name."""
-        return {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in self.files()}
+        """SHA-256 of the hand file and of every file that its scene is made of, by name."""
+        content = self.model.by_name() | {self.path.name: self.text}
+        return {name: hashlib.sha256(content[name]).hexdigest() for name in content}
 
     def files(self) -> list[Path]:
         """The hand file and every file that its scene is made of."""
-        return [self.path, *_mjcf_files(self.scene)]
+        return [self.path, *self.model.content]
 
     def as_dict(self) -> dict:
         """What a manifest keeps of it."""
@@ -109,18 +127,6 @@ class HandFile:
                 "range": self.ranges.tolist(),
             },
         }
-
-
-def _mjcf_files(scene: Path) -> list[Path]:
-    found: list[Path] = []
-    todo = [scene]
-    while todo:
-        path = todo.pop()
-        if path in found or not path.is_file():
-            continue  # the parser names a missing one
-        found.append(path)
-        todo += [scene.parent / name for name in re.findall(r'<include\s+file="([^"]+)"', path.read_text())]
-    return sorted(found)
 
 
 class _Reader:
@@ -194,7 +200,8 @@ def read_hand_file(path: AnyPath | None = None) -> HandFile:
     gram = columns @ columns.T
     if np.abs(gram - np.diag(np.diag(gram))).max() > 1e-9 * gram.max() or np.diag(gram).min() <= 0:
         raise synergy.fail("axes", "have columns that are not orthogonal to each other (or zero)")
-    return HandFile(path, name, scene, model, torsional, neutral, columns, delta, ranges)
+    files = read_model(scene)
+    return HandFile(path, name, scene, model, torsional, neutral, columns, delta, ranges, path.read_bytes(), files)
 
 
 def _read_axes(synergy: _Reader) -> list[tuple[Array, float, Array]]:

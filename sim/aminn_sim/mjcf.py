@@ -1,100 +1,95 @@
-"""An MJCF file as one text without includes, for the engine to compile from memory, and edits of it.
-
-A hand's own file is never changed: what the hand file tells (locked joints, dropped friction, servos, couplings) and
-what a check adds (a tool, the solver's options) is written into the text.
-"""
+"""The files that an MJCF model is made of, read once: the engine gets these bytes and can open no others."""
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
-from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from aminn_base.errors import AminnError
+from .errors import SimulationError
 
-Element = ET.Element
-# Elements whose `file` is an asset, and the compiler's attribute that names its folder.
-ASSET_FOLDERS = {"mesh": "meshdir", "hfield": "meshdir", "skin": "meshdir", "texture": "texturedir"}
+FOLDERS = {"texture": ("texturedir", "assetdir"), "": ("meshdir", "assetdir")}
+"""Attributes of <compiler> that say where files of an element lie; "" stands for all others."""
+NOWHERE = "/dev/null/"
+"""Folder that the engine is told: nothing can lie in it, so what it is not given it does not find."""
 
 
-def _parse(path: Path, seen: tuple[Path, ...] = ()) -> Element:
+@dataclass
+class ModelFiles:
+    """Content of every file that a scene refers to, and the references that lead to none."""
+
+    scene: Path
+    content: dict[Path, bytes] = field(default_factory=dict)
+    lost: list[str] = field(default_factory=list)
+
+    def by_name(self) -> dict[str, bytes]:
+        """What the engine is given: it knows files by their names, without folders."""
+        return {path.name: content for path, content in self.content.items()}
+
+
+def read_model(scene: Path) -> ModelFiles:
+    """Follow the includes of `scene` and its meshes, height fields, skins and textures, as the engine does.
+
+    A file that is missing is left for the engine to name. Raises SimulationError where two files have one name, or
+    where a file cannot be read.
+    """
+    found, roots, todo = ModelFiles(scene), [], [scene]
+    while todo:
+        path = todo.pop()
+        if path in found.content or not _add(found, path):
+            continue
+        root = _root(found, path)
+        roots.append(root)
+        todo += [scene.parent / name for e in root.iter() if _tag(e) == "include" for name in _names(e)]
+    told = {key: [] for keys in FOLDERS.values() for key in keys}
+    for compiler in (e for root in roots for e in root.iter() if _tag(e) == "compiler"):
+        for key, value in compiler.attrib.items():
+            told.get(key.lower(), []).append(value)
+    for element in (e for root in roots for e in root.iter() if _tag(e) != "include"):
+        folders = [f for key in FOLDERS.get(_tag(element), FOLDERS[""]) for f in told[key]] or [""]
+        for name in _names(element):
+            places = [scene.parent / folder / n for folder in folders for n in (name, Path(name).name)]
+            existing = list(dict.fromkeys(p for p in places if p.is_file()))[:1]
+            if not existing or not _add(found, existing[0]):
+                found.lost.append(name)
+    return found
+
+
+def _tag(element: ET.Element) -> str:
+    return element.tag.lower()  # the engine's own parser does not mind the case
+
+
+def _names(element: ET.Element) -> list[str]:
+    """Files that an element names: file, and of a texture's sides fileright, fileup and so on."""
+    return [value for key, value in element.attrib.items() if key.lower().startswith("file")]
+
+
+def _add(found: ModelFiles, path: Path) -> bool:
+    """Read a file; False where there is none."""
+    if path in found.content:
+        return True
+    if not path.is_file():
+        return False
+    for other in found.content:
+        if other.name.lower() == path.name.lower() and not other.samefile(path):
+            raise SimulationError(
+                f"{found.scene}: refers to {other} and {path}; the engine tells files by their names alone, rename one"
+            )
     try:
-        root = ET.parse(path).getroot()
+        found.content[path] = path.read_bytes()
     except OSError as error:
-        raise AminnError(f"{path}: cannot be read ({error.strerror})") from error
-    except ET.ParseError as error:
-        raise AminnError(f"{path}: not XML ({error})") from error
-    if path in seen:
-        raise AminnError(f"{path}: includes itself")
-    return root
+        raise SimulationError(f"{path}: cannot be read ({error.strerror})") from error
+    return True
 
 
-def _expanded(element: Element, folder: Path, seen: tuple[Path, ...]) -> Iterator[Element]:
-    """The element, or what its include stands for; paths of includes are relative to the main file, as in MuJoCo."""
-    if element.tag == "include":
-        path = (folder / element.get("file", "")).resolve()
-        for child in _parse(path, seen):
-            yield from _expanded(child, folder, (*seen, path))
-        return
-    children = [c for child in list(element) for c in _expanded(child, folder, seen)]
-    element[:] = children
-    yield element
-
-
-def read_mjcf(path: Path) -> Element:
-    """The model as one tree: includes are expanded, files of assets have absolute paths. Raises AminnError."""
-    root = _parse(path)
-    if root.tag == "robot":
-        raise AminnError(f"{path}: a URDF; convert it to MJCF first (it has no stiffness and no actuators)")
-    if root.tag != "mujoco":
-        raise AminnError(f"{path}: <{root.tag}> is no MuJoCo model; an MJCF file begins with <mujoco>")
-    next(_expanded(root, path.parent, (path.resolve(),)))
-    folders: dict[str, str] = {}
-    for compiler in root.iter("compiler"):
-        folders |= {
-            key: compiler.attrib.pop(key) for key in ("meshdir", "texturedir", "assetdir") if key in compiler.keys()
-        }
-    for element in root.iter():
-        if element.tag in ASSET_FOLDERS and element.get("file"):
-            folder = folders.get(ASSET_FOLDERS[element.tag], folders.get("assetdir", ""))
-            element.set("file", str((path.parent / folder / element.get("file", "")).resolve()))
-    return root
-
-
-def text_of(root: Element) -> str:
-    """For the engine."""
-    return ET.tostring(root, encoding="unicode")
-
-
-def remove(root: Element, unwanted: Collection[Element]) -> None:
-    """Take elements out of the tree, wherever they are."""
-    ids = {id(e) for e in unwanted}
-    for parent in list(root.iter()):
-        for child in [c for c in parent if id(c) in ids]:
-            parent.remove(child)
-
-
-def remove_joints(root: Element, names: Collection[str]) -> None:
-    """Take joints out, and every actuator, tendon and equality that would miss one: these joints do not move."""
-    if not names:
-        return
-    gone = [e for e in root.iter() if e.tag in ("joint", "freejoint") and e.get("name") in names]
-    gone = [e for body in root.iter("body") for e in body if e in gone]
-    referring = ("joint", "joint1", "joint2", "jointinparent")
-    sections = [s for tag in ("actuator", "equality", "sensor") for s in root.iter(tag)]
-    gone += [e for s in sections for e in s if any(e.get(a) in names for a in referring)]
-    for section in root.iter("tendon"):
-        for tendon in section:
-            parts = [p for p in tendon if p.tag == "joint" and p.get("joint") in names]
-            remove(tendon, parts)
-            if tendon.tag == "fixed" and len(tendon) == 0:
-                gone.append(tendon)
-    dead = {e.get("name") for e in gone if e.tag == "fixed"}
-    gone += [e for s in sections for e in s if dead & {e.get(a) for a in ("tendon", "tendon1", "tendon2")} - {None}]
-    remove(root, gone)
-
-
-def section(root: Element, tag: str) -> Element:
-    """The first section of this name, made if there is none."""
-    found = root.find(tag)
-    return found if found is not None else ET.SubElement(root, tag)
+def _root(found: ModelFiles, path: Path) -> ET.Element:
+    """The file's root element; what cannot be followed is on record, and the engine says what it thinks of it."""
+    text = found.content[path]
+    try:
+        if re.search(rb"<!DOCTYPE", text, re.IGNORECASE):
+            raise ET.ParseError("a document type may rename files")
+        return ET.fromstring(text)
+    except (ET.ParseError, ValueError, LookupError):
+        found.lost.append(str(path))
+        return ET.Element("")

@@ -32,19 +32,7 @@ nb::object rows_of(const T *values, int n_rows, int n_columns)
 ModelPtr load_text(const std::string &text)
 {
     static constexpr const char *kName = "scene.xml";
-    const auto vfs = std::make_unique<mjVFS>();
-    mj_defaultVFS(vfs.get());
-    if (mj_makeEmptyFileVFS(vfs.get(), kName, static_cast<int>(text.size())) != 0)
-        throw MujocoError("the model's text does not fit the engine's virtual files");
-    std::memcpy(vfs->filedata[0], text.data(), text.size());
-    struct Empty {
-        mjVFS *vfs;
-        ~Empty()
-        {
-            mj_deleteVFS(vfs);
-        }
-    } const empty{vfs.get()};
-    return load_model(kName, vfs.get());
+    return load_files({{kName, text}}, kName);
 }
 
 class Engine {

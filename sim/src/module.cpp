@@ -135,8 +135,10 @@ double seconds_now()
 // A compiled model to simulate shards of.
 class Simulator {
   public:
-    Simulator(const std::string &path, double torsional_friction_m, const Synergy &synergy)
-        : Simulator(load_model(path), torsional_friction_m, synergy)
+    // `files` by name, `scene` the one that the engine begins with. Below /dev/null the engine finds no others.
+    Simulator(const std::map<std::string, std::string> &files, const std::string &scene, double torsional_friction_m,
+              const Synergy &synergy)
+        : Simulator(load_files(files, "/dev/null/" + scene), torsional_friction_m, synergy)
     {
     }
 
@@ -499,11 +501,18 @@ NB_MODULE(_core, m)
     nb::class_<Simulator>(m, "Simulator", "A compiled hand and tool.")
         .def(
             "__init__",
-            [](Simulator *self, const std::string &path, double torsional_friction_m, const InVector &neutral,
-               const std::vector<InVector> &columns, const InVector &delta, const InVector &low, const InVector &high) {
-                new (self) Simulator(path, torsional_friction_m, make_synergy(neutral, columns, delta, low, high));
+            [](Simulator *self, const nb::dict &files, const std::string &scene, double torsional_friction_m,
+               const InVector &neutral, const std::vector<InVector> &columns, const InVector &delta,
+               const InVector &low, const InVector &high) {
+                std::map<std::string, std::string> content;
+                for (const auto &[name, bytes] : files) {
+                    const auto text = nb::cast<nb::bytes>(bytes);
+                    content[nb::cast<std::string>(name)] = std::string(text.c_str(), text.size());
+                }
+                new (self)
+                    Simulator(content, scene, torsional_friction_m, make_synergy(neutral, columns, delta, low, high));
             },
-            "model_path"_a, "torsional_friction_m"_a, "neutral"_a, "columns"_a, "delta"_a, "low"_a, "high"_a)
+            "files"_a, "scene"_a, "torsional_friction_m"_a, "neutral"_a, "columns"_a, "delta"_a, "low"_a, "high"_a)
         .def("shard", &Simulator::shard, "options"_a, "seed"_a, "shard"_a, "first_grasp_id"_a, "grasps"_a, "cases"_a,
              "threads"_a, "families"_a, "progress"_a = nb::none(),
              "Simulate a shard: dict of samples, grasps and noise (dicts of arrays) and of the engine's steps. Same "

@@ -2,6 +2,7 @@
 
 #include "contact_shapes.hpp"
 
+#include <climits>
 #include <cstring>
 #include <mutex>
 
@@ -50,6 +51,26 @@ ModelPtr load_model(const std::string &path, const mjVFS *vfs)
     if (model == nullptr)
         throw MujocoError(path + ": " + message);
     return ModelPtr(model);
+}
+
+ModelPtr load_files(const std::map<std::string, std::string> &files, const std::string &path)
+{
+    const auto vfs = std::make_unique<mjVFS>();
+    mj_defaultVFS(vfs.get());
+    struct Empty {
+        mjVFS *vfs;
+        ~Empty()
+        {
+            mj_deleteVFS(vfs);
+        }
+    } const empty{vfs.get()};
+    for (const auto &[name, content] : files) {
+        if (content.size() > INT_MAX ||
+            mj_makeEmptyFileVFS(vfs.get(), name.c_str(), static_cast<int>(content.size())) != 0)
+            throw MujocoError(name + " does not fit the engine's virtual files");
+        std::memcpy(vfs->filedata[mj_findFileVFS(vfs.get(), name.c_str())], content.data(), content.size());
+    }
+    return load_model(path, vfs.get());
 }
 
 ModelPtr copy_model(const mjModel &model)

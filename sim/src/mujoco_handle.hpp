@@ -4,6 +4,7 @@
 #include <mujoco/mujoco.h>
 
 #include <csetjmp>
+#include <map>
 #include <memory>
 #include <stdexcept>
 #include <string>
@@ -63,6 +64,9 @@ void guarded(Calls &&calls)
 // Reads and compiles an MJCF file. Throws MujocoError with the parser's message. Calls are serialised: the parser is
 // not reentrant. Files of `vfs` are found before those on disk.
 ModelPtr load_model(const std::string &path, const mjVFS *vfs = nullptr);
+// The same from files in memory, by name: `path` ends in the name of one. Files that they refer to are looked for there
+// first, without their folders, and then below the folder of `path`.
+ModelPtr load_files(const std::map<std::string, std::string> &files, const std::string &path);
 ModelPtr copy_model(const mjModel &model);
 DataPtr make_data(const mjModel &model);
 

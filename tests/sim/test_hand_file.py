@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
+import io
 import shutil
+import struct
 from pathlib import Path
 
+import matplotlib.image
 import numpy as np
 import pytest
 
@@ -124,3 +128,119 @@ def test_routing_matches_the_coefficients() -> None:
                     arms[body.find("joint").get("name")] = radius[geom.get("class")]
             body = parents[body]
         assert arms == {j.get("joint"): -float(j.get("coef")) for j in tendon}, tendon.get("name")
+
+
+# --- what the engine reads decides the identity ---------------------------------------------------------------------
+CUBE = struct.pack("<80sI", b"", 4) + b"".join(
+    struct.pack("<12fH", *(0, 0, 0), *(c for p in face for c in p), 0)
+    for face in (
+        ((0, 0, 0), (0, 0.01, 0), (0.01, 0, 0)),
+        ((0, 0, 0), (0.01, 0, 0), (0, 0, 0.01)),
+        ((0, 0, 0), (0, 0, 0.01), (0, 0.01, 0)),
+        ((0.01, 0, 0), (0, 0.01, 0), (0, 0, 0.01)),
+    )
+)
+GEOM = '<body><geom type="mesh" mesh="part" contype="0" conaffinity="0" mass="0.001"/></body>'
+MESH = '<asset><mesh name="part" file="{}"/></asset><worldbody>' + GEOM + "</worldbody>"
+HEIGHT = struct.pack("<ii4f", 2, 2, 0, 0, 0, 0)
+FIELD = '<asset><hfield name="ground" file="{}" size="1 1 1 1"/></asset>'
+TEXTURE = '<asset><texture name="t" type="{}" {}/></asset>'
+
+
+def png(shade: int) -> bytes:
+    image = io.BytesIO()
+    matplotlib.image.imsave(image, np.full((4, 4, 3), shade, np.uint8), format="png")
+    return image.getvalue()
+
+
+# How a scene may refer to a file: what is put into the scene, and the file's place.
+REFERENCES = {
+    "include": ('<include file="more.xml"/>', "more.xml"),
+    "include, other quotes": ("<include file='more.xml'/>", "more.xml"),
+    "include, spaces and lines": ('<include\n   file = "more.xml" ></include>', "more.xml"),
+    "include, upper case": ('<INCLUDE file="more.xml"/>', "more.xml"),
+    "include in a folder": ('<include file="sub/more.xml"/>', "sub/more.xml"),
+    "include outside": ('<include file="../more.xml"/>', "../more.xml"),
+    "include with an entity": ('<include file="m&#111;re.xml"/>', "more.xml"),
+    "include, its name's end": ('<include file="more.mjcf"/>', "more.mjcf"),
+    "include within": ("<worldbody><include file='more.xml'/></worldbody>", "more.xml"),
+    "mesh": (MESH.format("part.stl"), "part.stl"),
+    "mesh, upper case": (MESH.format("PART.STL"), "PART.STL"),
+    "mesh, meshdir": ('<compiler meshdir="meshes"/>' + MESH.format("part.stl"), "meshes/part.stl"),
+    "mesh, meshdir below": ('<compiler meshdir="a/b/"/>' + MESH.format("c/part.stl"), "a/b/c/part.stl"),
+    "mesh, meshdir absolute": ('<compiler meshdir="{folder}/meshes"/>' + MESH.format("part.stl"), "meshes/part.stl"),
+    "mesh, absolute": (MESH.format("{folder}/elsewhere/part.stl"), "elsewhere/part.stl"),
+    "mesh, stripped path": ('<compiler strippath="true" meshdir="m"/>' + MESH.format("C:/his/part.stl"), "m/part.stl"),
+    "height field": (FIELD.format("ground.hf"), "ground.hf"),
+    "height field, meshdir": ("<compiler meshdir='m'/>" + FIELD.format("ground.hf"), "m/ground.hf"),
+    "texture": (TEXTURE.format("2d", 'file="t.png"'), "t.png"),
+    "texture, texturedir": ("<compiler texturedir='t'/>" + TEXTURE.format("2d", 'file="t.png"'), "t/t.png"),
+    "texture of a side": (TEXTURE.format("cube", 'fileright="side.png"'), "side.png"),
+}
+
+
+def versions(name: str) -> tuple[bytes, bytes]:
+    """Two contents for a file."""
+    if name.lower().endswith("stl"):
+        return CUBE, CUBE.replace(struct.pack("<f", 0.01), struct.pack("<f", 0.02))
+    if name.endswith("hf"):
+        return HEIGHT, HEIGHT[:-4] + struct.pack("<f", 1)
+    if name.endswith("png"):
+        return png(10), png(200)
+    return b"<mujoco><option timestep='0.0005'/></mujoco>", b"<mujoco><option timestep='0.0004'/></mujoco>"
+
+
+@pytest.mark.parametrize("how", REFERENCES)
+def test_every_file_that_the_engine_reads_is_hashed(hand: Path, how: str, trust: dict) -> None:
+    text, place = REFERENCES[how]
+    text = text.replace("{folder}", str(hand.parent))
+    file = hand.parent / place
+    file.parent.mkdir(parents=True, exist_ok=True)
+    change(hand.parent / "scene.xml", "</mujoco>", text + "</mujoco>")
+    hashes = []
+    contents = versions(place)
+    if "within" in how:
+        contents = (b"<mujoco><site name='a'/></mujoco>", b"<mujoco><site name='b'/></mujoco>")
+    for content in contents:
+        file.write_bytes(content)
+        found = read_hand_file(hand)
+        found.simulator()
+        hashes.append(found.model_hashes())
+    assert hashes[0][file.name] != hashes[1][file.name] and len(hashes[0]) == 4
+    file.unlink()
+    with pytest.raises(SimulationError, match=r"hand\.toml: the model that `scene` names cannot be used"):
+        read_hand_file(hand).simulator()
+    trust["files_references_to_model_files"] = int(trust.get("files_references_to_model_files", 0)) + 1
+
+
+def test_what_was_read_is_what_is_simulated(hand: Path) -> None:
+    """A file that changes after the hand file was read changes neither the hash nor the model."""
+    found, radius = read_hand_file(hand), read_hand_file(hand).simulator().hand()["tip_radius_m"]
+    before = found.model_hashes()
+    (hand.parent / "three_finger_hand.xml").write_text("<mujoco/>")
+    assert found.model_hashes() == before and found.simulator().hand()["tip_radius_m"] == radius
+
+
+def test_the_default_hand_is_what_it_was() -> None:
+    folder = default_hand_file().parent
+    names = ("hand.toml", "scene.xml", "three_finger_hand.xml")
+    expected = {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in names}
+    assert read_hand_file().model_hashes() == expected
+
+
+def test_two_files_of_one_name_are_refused(hand: Path) -> None:
+    """The engine would take one for the other."""
+    for folder in ("a", "b"):
+        (hand.parent / folder).mkdir()
+        (hand.parent / folder / "more.xml").write_text("<mujoco/>")
+    change(hand.parent / "scene.xml", "</mujoco>", '<include file="a/more.xml"/><include file="b/more.xml"/></mujoco>')
+    with pytest.raises(SimulationError, match=r"a/more\.xml and .*b/more\.xml|b/more\.xml and .*a/more\.xml"):
+        read_hand_file(hand)
+
+
+def test_a_scene_that_cannot_be_followed_is_refused(hand: Path) -> None:
+    """A document type may rename files; what the engine makes of one need not be what is hashed."""
+    scene = hand.parent / "scene.xml"
+    scene.write_text('<!DOCTYPE mujoco [<!ENTITY other "more">]>\n' + scene.read_text())
+    with pytest.raises(SimulationError, match=r"cannot be (followed|used)"):
+        read_hand_file(hand).simulator()
