@@ -14,6 +14,8 @@ FUZZ_SECONDS ?= 60
 KILLS   ?= 50
 PICTURES ?= 16
 THREADS ?= $(JOBS)
+# Programs that `make consumers` runs; empty: all.
+ONLY    ?=
 # Further arguments for pip, e.g. --extra-index-url of PyTorch's CPU-only builds.
 PIP_ARGS ?=
 
@@ -159,6 +161,12 @@ hands: setup-python ## every hand that comes along: its description held against
 gallery: setup-python setup-view ## pictures of grasps before and after their load, from build/dataset (PICTURES=16)
 	@[ -f $(BUILD)/dataset/manifest.json ] || $(MAKE) --no-print-directory dataset
 	@$(VENV)/bin/aminn simulate --out $(BUILD)/dataset --gallery $(PICTURES)
+
+.PHONY: consumers
+consumers: setup-python $(STAMPS)/apt-fuzz ## the ONNX model in OpenVINO, IREE, tract, tinygrad and others, against float64 (ONLY="iree tract")
+	@CC=clang-14 $(PYTHON) tests/consumers/run.py --model tests/golden --work $(BUILD)/consumers \
+	  --report $(REPORTS)/consumers.json $(addprefix --only ,$(ONLY)) -- $(PIP_ARGS)
+	@echo "As documented. Report: $(REPORTS)/consumers.json"
 
 .PHONY: install
 install: setup-host ## the C library, header, CMake package and aminn_rt.pc (PREFIX=/usr/local)

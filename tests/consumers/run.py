@@ -1,0 +1,160 @@
+"""Run the reference model in other programs that read ONNX, and hold their outputs against ONNX Runtime and float64.
+
+run.py --model tests/golden --work build/consumers --report build/reports/consumers.json [--only NAME ...]
+
+consumers.toml has the programs; each gets a virtual environment in WORK. Exits with 1 where one does not do what is
+expected of it there: a program at full precision further off than the limits, or one that no longer refuses the model.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tomllib
+import venv
+from pathlib import Path
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+
+from aminn.dims import INPUT_SHAPES, OUTPUT_SHAPES
+from aminn_base.files import write_json
+from aminn_export.vectors import Vectors, read_vectors
+from aminn_export.verify import scaled_norm
+
+HERE = Path(__file__).resolve().parent
+BASELINE = "onnxruntime"
+# Of dx_ht relative to its size (rotations times 0.1 m), of k_x to its largest entry, of the others absolute; a gate is
+# the sigmoid of a steep function, so ONNX Runtime itself is 2e-6 from float64.
+LIMITS = {"dx_ht": 2e-6, "p_stable": 2e-6, "k_x": 2e-6, "gate": 1e-5}
+TIMEOUT_S = 900
+WAYS = ("alone", "batch")
+Outputs = dict[str, NDArray[np.float64]]
+Figures = dict[str, float | int | bool | str]
+
+
+def python_of(work: Path, name: str, wanted: dict, pip_arguments: tuple[str, ...]) -> Path:
+    """The interpreter of a program's environment, made if its packages have changed."""
+    folder = work / name
+    python, stamp = folder / "bin" / "python", folder / "packages.txt"
+    packages = [*wanted["packages"], *wanted.get("packages_alone", [])]
+    if not stamp.is_file() or stamp.read_text().split() != packages:
+        venv.create(folder, clear=True, with_pip=True, symlinks=True)
+        pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *pip_arguments]
+        subprocess.run([*pip, *wanted["packages"]], check=True)
+        if alone := wanted.get("packages_alone"):
+            subprocess.run([*pip, "--no-deps", *alone], check=True)
+        stamp.write_text("\n".join(packages))
+    return python
+
+
+def differences(out: Outputs, reference: Outputs) -> dict[str, float]:
+    """Largest difference of each output, in the units of LIMITS; infinite where it is not finite."""
+    n = len(out["dx_ht"])
+    found = {}
+    for name, limit_like in OUTPUT_SHAPES.items():
+        a, b = (np.asarray(v[name][:n], np.float64).reshape(n, *limit_like) for v in (out, reference))
+        if name == "dx_ht":
+            size = scaled_norm(a - b) / scaled_norm(b)
+        else:
+            size = np.abs(a - b).reshape(n, -1).max(1)
+            if name == "k_x":
+                size /= np.abs(b).reshape(n, -1).max(1)
+        found[name] = float(np.where(np.isfinite(size), size, np.inf).max())
+    return found
+
+
+def run_program(python: Path, wanted: dict, files: list[Path], log: Path) -> str:
+    """Run an engine's script; returns why it stopped, empty if it did not."""
+    environment = os.environ | {"PATH": f"{python.parent}:{os.environ['PATH']}"}  # what it starts is its own
+    command = [python, HERE / "engines" / wanted["script"], *files, *wanted.get("arguments", [])]
+    files[-1].unlink(missing_ok=True)
+    try:
+        said = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=TIMEOUT_S)
+    except subprocess.TimeoutExpired:
+        return f"no end after {TIMEOUT_S} s"
+    log.write_text(said.stdout + said.stderr)
+    if said.returncode == 0:
+        return ""
+    lines = [line for line in said.stderr.splitlines() if line.strip()] or [f"exit status {said.returncode}"]
+    return lines[-1].strip()
+
+
+def judge(outputs_file: Path, baseline: Path, vectors: Vectors) -> Figures:
+    """Differences of one program, alone and in a batch, from ONNX Runtime's outputs and from the float64 ones."""
+    figures: Figures = {}
+    assert vectors.reference_f64 is not None
+    with np.load(outputs_file) as file, np.load(baseline) as base:
+        figures["seconds"] = float(file["seconds"])
+        figures["time_to_onnxruntime_ratio"] = float(file["seconds"] / base["seconds"])
+        for how in WAYS:
+            out = {name: file[f"{how}/{name}"] for name in OUTPUT_SHAPES}
+            onnxruntime = {name: base[f"{how}/{name}"] for name in OUTPUT_SHAPES}
+            for reference, values in ((BASELINE, onnxruntime), ("float64", vectors.reference_f64)):
+                for name, size in differences(out, values).items():
+                    figures[f"{how}_{reference}_{name}_max"] = size
+        n = len(file["alone/dx_ht"])
+        rows = (file["alone/dx_ht"] != file["batch/dx_ht"].reshape(-1, 6)[:n]).any(1)
+        figures["rows_with_other_bits_in_a_batch"] = int(rows.sum())
+        figures["rows_alone"] = n
+    within = all(
+        float(figures[f"{how}_{reference}_{name}_max"]) <= limit
+        for name, limit in LIMITS.items()
+        for how in WAYS
+        for reference in (BASELINE, "float64")
+    )
+    return figures | {"outcome": "runs" if within else "differs"}
+
+
+def as_expected(outcome: str, expects: str) -> bool:
+    """Whether an outcome (runs, differs, refuses) is the one of consumers.toml."""
+    return expects == "either" or (outcome == "runs") == (expects == "runs")
+
+
+@click.command()
+@click.option("--model", type=click.Path(path_type=Path, exists=True), required=True, help="exported model")
+@click.option("--work", type=click.Path(path_type=Path), required=True, help="folder for environments and outputs")
+@click.option("--report", type=click.Path(path_type=Path), required=True, help="figures, JSON")
+@click.option("--only", multiple=True, help="run these programs alone (and ONNX Runtime)")
+@click.argument("pip_arguments", nargs=-1, type=click.UNPROCESSED)
+def main(model: Path, work: Path, report: Path, only: tuple[str, ...], pip_arguments: tuple[str, ...]) -> None:
+    """Run each program and write the report; PIP_ARGUMENTS go to pip."""
+    programs = tomllib.loads((HERE / "consumers.toml").read_text())
+    if unknown := set(only) - set(programs):
+        raise click.UsageError(f"no program {', '.join(sorted(unknown))}; there are {', '.join(programs)}")
+    vectors = read_vectors(model / "golden.bin")
+    work.mkdir(parents=True, exist_ok=True)
+    inputs = work / "inputs.npz"
+    np.savez(inputs, **{name: vectors.inputs[name] for name in INPUT_SHAPES})
+    figures: Figures = {}
+    wrong = []
+    for name, wanted in programs.items():
+        if only and name not in (BASELINE, *only):
+            continue
+        python = python_of(work, name, wanted, pip_arguments)
+        out = work / f"{name}.npz"
+        reason = run_program(python, wanted, [model / "aminn.onnx", inputs, out], work / f"{name}.log")
+        found: Figures = {"outcome": "refuses", "reason": reason}
+        if not reason:
+            found = judge(out, work / f"{BASELINE}.npz", vectors)
+        found["packages"] = " ".join([*wanted["packages"], *wanted.get("packages_alone", [])])
+        figures |= {f"{name}_{key}": value for key, value in found.items()}
+        said = reason or (
+            f"dx {max(found[f'{how}_{r}_dx_ht_max'] for how in WAYS for r in (BASELINE, 'float64')):.1e}, "
+            f"{found['time_to_onnxruntime_ratio']:.2f} of ONNX Runtime's time, "
+            f"{found['rows_with_other_bits_in_a_batch']} of {found['rows_alone']} rows with other bits in a batch"
+        )
+        click.echo(f"{name:28} {found['outcome']:8} {said}")
+        if not as_expected(str(found["outcome"]), wanted["expects"]):
+            wrong.append(f"{name} {found['outcome']}, expected: {wanted['expects']}; its output: {work / name}.log")
+    figures["ok"] = not wrong
+    write_json(report, figures)
+    for line in wrong:
+        click.echo(line, err=True)
+    sys.exit(bool(wrong))
+
+
+if __name__ == "__main__":
+    main()
