@@ -108,7 +108,7 @@ def test_hand_and_data_are_those_of_the_training(checkpoint_dir: Path) -> None:
     checkpoint = load_checkpoint(checkpoint_dir)
     meta = checkpoint.meta | {"data": {"hand": 'grip"per'}, "data_config_sha256": "ab" * 32}
     known = export_tables(dataclasses.replace(checkpoint, meta=meta)).meta
-    unknown = export_tables(checkpoint).meta
+    unknown = export_tables(dataclasses.replace(checkpoint, meta={"tau": 0.5})).meta
     assert known["hand"].startswith("grip-per ") and known["data_sha256"] == "ab" * 32
     assert known["hand"].split()[-1] == unknown["hand"].split()[-1]
     assert "data_sha256" not in unknown
