@@ -144,7 +144,8 @@ class _Work:
         """Simulate what is missing."""
         config = self.config
         if self.todo:
-            self._record()
+            if self.recorded:
+                self._record()
             (self.out / MANIFEST).unlink(missing_ok=True)  # it would describe shards that are about to change
         tasks = [
             ShardTask(config, n, self.sizes[n], partial(_open_simulator, config, self.digest, hand)) for n in self.todo
