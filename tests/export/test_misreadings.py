@@ -28,8 +28,11 @@ def test_costs_of_misreadings(found: dict[str, Cost], trust: Figures) -> None:
         trust[f"misreading_{name}_decisions_changed_share"] = cost.decisions_changed_share
         trust[f"misreading_{name}_noted_share"] = cost.noted_share
         trust[f"misreading_{name}_refused_share"] = cost.refused_share
+        trust[f"misreading_{name}_chain_open_share"] = cost.chain_open_share
     right = found["none"]
-    assert right.relative_median < 0.06 and right.noted_share < 0.15 and right.refused_share == 0
+    assert (
+        right.relative_median < 0.06 and right.noted_share < 0.15 and right.refused_share == right.chain_open_share == 0
+    )
 
 
 @pytest.mark.parametrize("name", ["fingers_exchanged", "normals_out", "degrees", "millimetres"])
@@ -47,3 +50,10 @@ def test_wrong_and_not_noticed_from_one_state(found: dict[str, Cost], name: str)
 @pytest.mark.parametrize("name", ["roll_signs", "tool_frame", "state_under_load", "fingertip_centre"])
 def test_costs_something(found: dict[str, Cost], name: str) -> None:
     assert found[name].relative_median > 1.15 * found["none"].relative_median
+
+
+@pytest.mark.parametrize(
+    "name", ["fingertip_centre", "fingers_exchanged", "normals_out", "roll_signs", "degrees", "millimetres"]
+)
+def test_joint_angles_and_contacts_show_it(found: dict[str, Cost], name: str) -> None:
+    assert found[name].chain_open_share > 0.8

@@ -8,7 +8,7 @@ python -m aminn_export.misreadings --model tests/golden/aminn_model.bin --data b
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +18,9 @@ from numpy.typing import NDArray
 
 from aminn.analysis import turned
 from aminn.dataset import Dataset, load_dataset
+from aminn.dims import N_BRANCH
 from aminn.evaluate import align_columns
+from aminn.grasp_picture import branch_points
 from aminn_base.errors import AminnError
 
 from .known_answer import runtime
@@ -28,7 +30,7 @@ from .verify import scaled_norm
 
 Array = NDArray[np.float64]
 State = dict[str, Array]
-TIP_RADIUS_M, FRAME_OFFSET_M = 0.010, 0.030
+TIP_RADIUS_M, FRAME_OFFSET_M, CHAIN_LIMIT_M = 0.010, 0.030, 0.002
 STABLE_WORD, NOTES_WORD, OUT_OF_RANGE = 47, 48, 1
 """Words of `aminn_output_t`, and AMINN_NOTE_OUT_OF_RANGE."""
 
@@ -141,6 +143,8 @@ class Cost:
     """Predicted, and noted as out of range."""
     refused_share: float
     """An error status."""
+    chain_open_share: float
+    """A contact further than CHAIN_LIMIT_M from where joint angles and normal put the fingertip's surface."""
 
 
 def _states(dataset: Dataset) -> State:
@@ -156,6 +160,13 @@ def _outputs(blob: bytes, s: State) -> tuple[NDArray[np.uint32], NDArray[np.int3
     assert rows.shape[1] == N_STATE
     outputs, _, status = runtime().run(blob, np.ascontiguousarray(rows))
     return outputs, status[:, 0]
+
+
+def chain_gap(hand: Mapping, s: State) -> Array:
+    """Largest distance (n), m, of a contact from where joint angles and normal put the fingertip's surface."""
+    tips = np.array([[branch_points(hand, b, q)[-1] for b in range(N_BRANCH)] for q in s["q"]])
+    gaps = tips + TIP_RADIUS_M * s["contacts"][..., 4:7] - s["contacts"][..., 1:4]
+    return np.linalg.norm(gaps, axis=2).max(1)
 
 
 def costs(model: Path, dataset: Dataset) -> dict[str, Cost]:
@@ -175,6 +186,7 @@ def costs(model: Path, dataset: Dataset) -> dict[str, Cost]:
             float((outputs[ok, STABLE_WORD] != decided[ok, STABLE_WORD]).mean()) if ok.any() else 0.0,
             float((ok & (outputs[:, NOTES_WORD] & OUT_OF_RANGE > 0)).mean()),
             float((~ok).mean()),
+            float((chain_gap(dataset.manifest["hand"], s) > CHAIN_LIMIT_M).mean()),
         )
     return found
 
@@ -188,9 +200,9 @@ def main(model: Path, data: Path) -> None:
         found = costs(model, load_dataset(data).split("test"))
     except (AminnError, OSError) as error:
         raise click.ClickException(str(error)) from error
-    rows = [["misreading", "error of dx_ht, median", "other decisions", "noted", "refused"]]
+    rows = [["misreading", "error of dx_ht, median", "other decisions", "noted", "refused", "chain open"]]
     for name, cost in found.items():
-        shares = (cost.decisions_changed_share, cost.noted_share, cost.refused_share)
+        shares = (cost.decisions_changed_share, cost.noted_share, cost.refused_share, cost.chain_open_share)
         rows.append([name, f"{cost.relative_median:.3f}", *(f"{share:.1%}" for share in shares)])
     click.echo("\n".join(align_columns(rows)))
 
