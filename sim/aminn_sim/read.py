@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from aminn_base.errors import AminnError
+from aminn_base.errors import AminnError, InUseError
 from aminn_base.lock import read_shared
 from aminn_base.read import AnyPath, read_json
 
@@ -41,7 +41,10 @@ class SimulatedData:
 
 
 def read_data(folder: AnyPath) -> SimulatedData:
-    """Read the finished data set in `folder`. Raises SimulationError where there is none or a shard is damaged."""
+    """Read the finished data set in `folder`.
+
+    Raises SimulationError where there is none or a shard is damaged, InUseError where another program writes to one.
+    """
     folder = Path(folder)
     try:
         manifest = read_json(folder / "manifest.json", "the manifest of a data set")
@@ -63,6 +66,8 @@ def read_data(folder: AnyPath) -> SimulatedData:
             wrong = [name for name, field in fields.items() if lengths[name][1:] != field.shape]
             if wrong or len(rows) != 1:
                 raise ValueError(f"/{group} is not as the schema says{': ' + ', '.join(wrong) if wrong else ''}")
+    except InUseError:
+        raise
     except (AminnError, OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, RuntimeError) as error:
         raise SimulationError(f"{folder}: not a readable data set ({error}); simulate it again") from error
     return SimulatedData(manifest, **joined)
