@@ -67,7 +67,7 @@ aminn_status_t check_header(const uint8_t *bytes, size_t len, Header &header)
     if (header.size != len) {
         return AMINN_E_SIZE;
     }
-    return crc32(0, bytes + kCrcStart, len - kCrcStart, 1) == header.crc ? AMINN_OK : AMINN_E_CRC;
+    return crc32(0, bytes + kCrcStart, len - kCrcStart) == header.crc ? AMINN_OK : AMINN_E_CRC;
 }
 
 void copy_constants(const Header &h, aminn_model_t &m)

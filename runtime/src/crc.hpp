@@ -9,8 +9,23 @@
 
 namespace aminn {
 
-// crc.cpp: of n numbers of `size` bytes (1, 2 or 4), going on from the CRC-32 of what stands before them, 0 at first
-uint32_t crc32(uint32_t crc, const void *numbers, size_t n, size_t size);
+constexpr bool kBigEndian = __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__;
+
+// crc.cpp: of n bytes, going on from the CRC-32 of what stands before them, 0 at first
+uint32_t crc32(uint32_t crc, const void *bytes, size_t n);
+
+// The same of n numbers of `size` bytes, 1, 2 or 4.
+inline uint32_t crc32(uint32_t crc, const void *numbers, size_t n, size_t size)
+{
+    if constexpr (kBigEndian) {
+        for (size_t i = 0; i < n * size; ++i) {
+            crc = crc32(crc, static_cast<const uint8_t *>(numbers) + (i ^ (size - 1)), 1);
+        }
+        return crc;
+    } else {
+        return crc32(crc, numbers, n * size);
+    }
+}
 
 } // namespace aminn
 

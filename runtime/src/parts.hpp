@@ -16,12 +16,8 @@ bool closure(const aminn_model_t &model, const float *q, const float *x_ht,
              const float (*contacts)[AMINN_N_CONTACT_FEATURE], float (*j_x)[3][AMINN_N_WRENCH],
              float (*j_q)[3][AMINN_N_COORD]);
 
-// predict.cpp: a context that aminn_init has prepared
-constexpr uint32_t kTag = 0x414D4E43u; // "AMNC"
-inline bool initialised(const aminn_t &ctx)
-{
-    return ctx.tag == kTag;
-}
+// predict.cpp: AMINN_OK for a context that aminn_init has prepared, else AMINN_E_NULL or AMINN_E_NOT_INITIALISED
+aminn_status_t context_status(const aminn_t *ctx);
 
 // cascade.cpp, compiled for each instruction set
 #define AMINN_CORE_FUNCTIONS                                                                                \

@@ -4,6 +4,7 @@
 namespace aminn {
 namespace {
 
+constexpr uint32_t kTag = 0x414D4E43u; // "AMNC"
 constexpr uint32_t kKnownFlags = AMINN_FLAG_ALWAYS_STAGE2 | AMINN_FLAG_DEBUG;
 
 static_assert(sizeof(aminn_input_t) == 125 * sizeof(float), "aminn_input_t is 125 floats without gaps");
@@ -46,17 +47,23 @@ aminn_status_t predict_checked(aminn_t &ctx, const aminn_input_t &in, aminn_outp
 // does. Leaves the context without valid stages.
 AMINN_FUNCTION aminn_status_t check(aminn_t *ctx, const void *in, size_t size, const aminn_output_t *out)
 {
-    if (ctx == nullptr || in == nullptr || out == nullptr) {
-        return AMINN_E_NULL;
-    }
-    if (!initialised(*ctx)) {
-        return AMINN_E_NOT_INITIALISED;
+    const aminn_status_t status = in != nullptr && out != nullptr ? context_status(ctx) : AMINN_E_NULL;
+    if (status != AMINN_OK) {
+        return status;
     }
     ctx->stages_done = 0;
     return check_input(static_cast<const float *>(in), static_cast<int>(size / sizeof(float)));
 }
 
 } // namespace
+
+aminn_status_t context_status(const aminn_t *ctx)
+{
+    if (ctx == nullptr) {
+        return AMINN_E_NULL;
+    }
+    return ctx->tag == kTag ? AMINN_OK : AMINN_E_NOT_INITIALISED;
+}
 } // namespace aminn
 
 using namespace aminn;
@@ -104,7 +111,7 @@ aminn_status_t aminn_predict_state(aminn_t *ctx, const aminn_state_t *state, ami
 
 const aminn_stage_debug_t *aminn_debug(const aminn_t *ctx, int stage)
 {
-    if (ctx == nullptr || !initialised(*ctx) || stage < 0 || stage >= AMINN_N_STAGE) {
+    if (context_status(ctx) != AMINN_OK || stage < 0 || stage >= AMINN_N_STAGE) {
         return nullptr;
     }
     return (ctx->stages_done & (1u << stage)) != 0 ? &ctx->stage[stage] : nullptr;

@@ -8,52 +8,53 @@
 namespace aminn {
 inline namespace AMINN_CORE {
 
-constexpr float kUlp = 0x1p-23F; // of 1
-constexpr float kShare = 0.75F * kUlp;
+constexpr float kUlp = 0x1p-23F; // of 1, and of the factor
+constexpr float kShare = 0.625F * kUlp;
+constexpr float kFactor = 0x1.56b8p0F;
+constexpr float kMinusSquare = -0x1.cad024p0F; // of the factor, rounded
+constexpr float kTiny = 0x1p-128F;             // subnormal
 
 // Bits of results, each of which has one right value.
 struct Probe {
-    uint32_t up;         // rounded up to a unit
-    uint32_t down;       // rounded down to nothing
-    uint32_t by_inverse; // nothing: divisions undone
-    uint32_t remainder;  // nothing: a product, minus that product as it was rounded
-    uint32_t doubled;    // the smallest normal number, out of half of it
+    uint32_t sum;        // kUlp: a share of it and a tiny number, added to the factor, and that taken away
+    uint32_t by_inverse; // zero: a division undone
+    uint32_t remainder;  // zero: a product, minus that product as it was rounded
+    uint32_t doubled;    // not zero: a subnormal number times two
 };
 
 // Every number is read at run time, so that the compiler cannot compute here what the processor should.
 static Probe probe()
 {
-    // the latter are a factor, and minus its square, which rounding changes
-    static const float kNumbers[] = {kShare, 0.5F * kShare, 0x1.56b8p0F, -0x1.cad024p0F, FLT_MIN};
+    static const float kNumbers[] = {kShare, kFactor, kMinusSquare, kTiny};
     const volatile float *number = kNumbers;
     const float share = number[0];
-    const float half_share = number[1];
-    const float factor = number[2];
-    const float square = number[3];
-    const float half = 0.5F * number[4];
+    const float factor = number[1];
+    const float minus_square = number[2];
+    const float tiny = number[3];
     return {
-        bits_of((factor + share) - factor),
-        bits_of((factor + half_share) - factor),
-        // three divisions by one number are worth an inverse; square times that is not -factor
-        bits_of((square / factor + factor) + (share / factor - 2.0F * (half_share / factor))),
-        bits_of(factor * factor + square),
-        bits_of(half + half),
+        bits_of(((factor + share) + tiny) - factor),
+        // three divisions by one number are worth an inverse; the first is -factor, in which the others vanish
+        bits_of(((minus_square / factor + share / factor) + tiny / factor) + factor),
+        bits_of(factor * factor + minus_square),
+        bits_of(tiny + tiny),
     };
 }
 
 static aminn_status_t judged(const Probe &probe)
 {
-    const bool reordered = probe.up == bits_of(kShare); // what was added
-    if (!reordered && ((probe.up ^ bits_of(kUlp)) | probe.down) != 0) {
-        return AMINN_E_ROUNDING;
-    }
-    if (reordered || probe.by_inverse != 0) {
-        return AMINN_E_FAST_MATH;
-    }
+    const uint32_t reordered =
+        probe.sum << 9; // a whole number of units, rounded in whatever way, has none of these bits
+    int status = probe.doubled != 0 ? AMINN_OK : AMINN_E_FLUSH;
     if (probe.remainder != 0) {
-        return AMINN_E_CONTRACTED;
+        status = AMINN_E_CONTRACTED;
     }
-    return probe.doubled == bits_of(FLT_MIN) ? AMINN_OK : AMINN_E_FLUSH;
+    if ((reordered | probe.by_inverse) != 0) {
+        status = AMINN_E_FAST_MATH;
+    }
+    if (reordered == 0 && probe.sum != bits_of(kUlp)) {
+        status = AMINN_E_ROUNDING;
+    }
+    return static_cast<aminn_status_t>(status);
 }
 
 } // namespace AMINN_CORE

@@ -12,21 +12,20 @@
 
 namespace aminn {
 
-// What a table's length is made of: rows times columns, each a number or a width of the model.
+// What a table's length is made of: rows times columns, each a number below 64, or that and a width of the model.
 enum Extent : uint8_t {
-    kOne = 0,
-    kContactWidth = 201,
-    kWidth,
-    kClassifierWidth,
-    kTrunkInput,      // contact_width + global input
-    kClassifierInput, // width + aux
+    kContactWidth = 1u << 6,
+    kWidth = 2u << 6,
+    kClassifierWidth = 3u << 6,
+    kTrunkInput = kContactWidth + AMINN_N_GLOBAL_INPUT,
+    kClassifierInput = kWidth + AMINN_N_AUX,
 };
 
 struct TableInfo {
     uint8_t place; // of the pointer in aminn_model_t, in pointers
     uint8_t rows;
     uint8_t columns;
-    bool weights; // of the model's weight_type, else float
+    uint8_t weights; // 1: of the model's weight_type, else float
 };
 
 #define AMINN_TABLE(field, rows, columns, weights) \
@@ -70,22 +69,18 @@ inline constexpr TableInfo kTables[] = {
 static_assert(sizeof(aminn_known_answer_t) == 31 * 3 * sizeof(float),
               "the known answer is checked and placed as a table");
 
-inline uint32_t extent(const aminn_model_t &m, uint8_t code)
+static_assert(offsetof(aminn_model_t, width) - offsetof(aminn_model_t, contact_width) == sizeof(uint32_t) &&
+                  offsetof(aminn_model_t, classifier_width) - offsetof(aminn_model_t, width) == sizeof(uint32_t),
+              "the widths stand one behind the other");
+
+[[gnu::noinline]] inline uint32_t extent(const aminn_model_t &m, uint32_t code)
 {
-    switch (code) {
-    case kContactWidth:
-        return m.contact_width;
-    case kWidth:
-        return m.width;
-    case kClassifierWidth:
-        return m.classifier_width;
-    case kTrunkInput:
-        return m.contact_width + AMINN_N_GLOBAL_INPUT;
-    case kClassifierInput:
-        return m.width + AMINN_N_AUX;
-    default:
-        return code;
+    uint32_t width = 0;
+    if (code >= kContactWidth) {
+        const size_t place = offsetof(aminn_model_t, contact_width) + sizeof width * (code / kContactWidth - 1);
+        std::memcpy(&width, reinterpret_cast<const char *>(&m) + place, sizeof width);
     }
+    return width + code % kContactWidth;
 }
 
 // A table of a model.
@@ -96,11 +91,11 @@ struct Table {
 };
 
 // The widths in the model must be set.
-inline void find_table(const aminn_model_t &m, const TableInfo &info, Table &table)
+[[gnu::noinline]] inline void find_table(const aminn_model_t &m, const TableInfo &info, Table &table)
 {
     std::memcpy(&table.numbers, reinterpret_cast<const char *>(&m) + info.place * sizeof(void *), sizeof(void *));
     table.n = extent(m, info.rows) * extent(m, info.columns);
-    table.size = info.weights && m.weight_type == AMINN_WEIGHTS_FLOAT16 ? sizeof(uint16_t) : sizeof(float);
+    table.size = sizeof(float) >> (info.weights & m.weight_type);
 }
 
 // Each table of a blob begins at a multiple of this, counted from the blob's start: a row of weights then lies in as few

@@ -63,7 +63,7 @@ def symbols(path: Path) -> dict[str, tuple[int, str]]:
 
 
 # Symbols that aminn_self_test() alone needs in an image without the loader of binary models.
-SELF_TEST = re.compile(r"aminn_self_test|probe_arithmetic|5crc32E")
+SELF_TEST = re.compile(r"aminn_self_test|probe_arithmetic|5probeEvE|5crc32E")
 
 
 def library_text(archive: Path, image: Path) -> dict[str, int]:

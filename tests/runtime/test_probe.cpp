@@ -33,30 +33,44 @@ void a_correct_build_is_passed()
 
 void rounding_comes_first()
 {
-    JUDGED(AMINN_E_ROUNDING, up, 0.0F);
-    JUDGED(AMINN_E_ROUNDING, up, -0.0F);
-    JUDGED(AMINN_E_ROUNDING, down, kUlp);
-    Probe all = {0, 1, 1, 1, 0};
+    JUDGED(AMINN_E_ROUNDING, sum, 0.0F);
+    JUDGED(AMINN_E_ROUNDING, sum, -0.0F);
+    JUDGED(AMINN_E_ROUNDING, sum, 2.0F * kUlp);
+    Probe all = {0, 1, 1, 0};
     TEST_ASSERT_EQUAL_INT(AMINN_E_ROUNDING, judged(all));
-    all.up = bits_of(kShare);
+    all.sum = bits_of(kUlp);
     TEST_ASSERT_EQUAL_INT(AMINN_E_FAST_MATH, judged(all));
+    all.by_inverse = 0;
+    TEST_ASSERT_EQUAL_INT(AMINN_E_CONTRACTED, judged(all));
+    all.remainder = 0;
+    TEST_ASSERT_EQUAL_INT(AMINN_E_FLUSH, judged(all));
 }
 
 void a_sum_in_another_order_and_an_inverse_are_fast_math()
 {
-    JUDGED(AMINN_E_FAST_MATH, up, kShare);
+    JUDGED(AMINN_E_FAST_MATH, sum, kShare);
+    JUDGED(AMINN_E_FAST_MATH, sum, kShare + kTiny);
     JUDGED(AMINN_E_FAST_MATH, by_inverse, kUlp);
     JUDGED(AMINN_E_FAST_MATH, by_inverse, -0.0F);
 }
 
 void what_fma_leaves_is_a_contraction()
 {
-    JUDGED(AMINN_E_CONTRACTED, remainder, std::fma(0x1.56b8p0F, 0x1.56b8p0F, -0x1.cad024p0F));
+    JUDGED(AMINN_E_CONTRACTED, remainder, std::fma(kFactor, kFactor, kMinusSquare));
 }
 
 void what_is_flushed_is_zero()
 {
     JUDGED(AMINN_E_FLUSH, doubled, 0.0F);
+}
+
+// the numbers are chosen so that a multiplication by the inverse rounds to something else than the division
+void an_inverse_is_not_a_division()
+{
+    const volatile float inverse = 1.0F / kFactor;
+    const volatile float product = kMinusSquare * inverse;
+    TEST_ASSERT_TRUE(kMinusSquare / kFactor == -kFactor);
+    TEST_ASSERT_TRUE(product != -kFactor);
 }
 
 } // namespace
@@ -69,5 +83,6 @@ int main()
     RUN_TEST(a_sum_in_another_order_and_an_inverse_are_fast_math);
     RUN_TEST(what_fma_leaves_is_a_contraction);
     RUN_TEST(what_is_flushed_is_zero);
+    RUN_TEST(an_inverse_is_not_a_division);
     return UNITY_END();
 }
