@@ -10,6 +10,7 @@ import xml.etree.ElementTree as ElementTree
 from dataclasses import replace
 from pathlib import Path
 
+import click
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -21,6 +22,7 @@ from aminn.dims import OUTPUT_SHAPES
 from aminn_base.errors import AminnError
 from aminn_export.bin_model import read_bin_model, write_bin_model
 from aminn_export.c_model import write_c_model
+from aminn_export.engines import ENGINES
 from aminn_export.export import export
 from aminn_export.golden import run_onnx, single_thread_session
 from aminn_export.vectors import read_results, read_vectors, write_results, write_vectors
@@ -74,6 +76,19 @@ def test_exported_model_passes(export_dir: Path, vectors: Path, build_dir: Path)
         assert 0 < report[f"{target}_dx_relative_median"] < 2e-6
         assert report[f"{target}_dx_share_of_limit_max"] < 1
         assert report[f"{target}_decisions_different"] == report[f"{target}_refused"] == 0
+
+
+def test_another_engine_stands_in_for_onnx_runtime(
+    export_dir: Path, vectors: Path, build_dir: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    choice = next(p for p in main.commands["verify"].params if p.name == "engine").type
+    assert isinstance(choice, click.Choice) and set(choice.choices) == set(ENGINES)
+    words = ["verify", "--export", str(export_dir), "--data", str(vectors), "--build", str(build_dir), "--onnx"]
+    done = CliRunner().invoke(main, [*words, "reference"])
+    assert done.exit_code == 0, done.output
+    monkeypatch.setitem(sys.modules, "openvino", None)
+    done = CliRunner().invoke(main, [*words, "openvino"])
+    assert done.exit_code != 0 and "pip install openvino" in done.output
 
 
 @pytest.mark.skipif(

@@ -248,6 +248,14 @@ def export(checkpoint: Path, data: Path, out: Path, prefix: str, name: str | Non
 @click.option("--firmware", is_flag=True, help="Also on the emulated Cortex-M7 (--target cortex_m7).")
 @click.option("--target", "targets", multiple=True, help="Also there; may be repeated: cortex_m4, aarch64_gcc_O2, ...")
 @click.option("--port", help="Also on a real board: the serial port, Unix socket or tcp:HOST:PORT of its firmware.")
+@click.option(
+    "--onnx",
+    "engine",
+    type=click.Choice(["onnxruntime", "openvino", "reference"]),
+    default="onnxruntime",
+    show_default=True,
+    help="What evaluates the ONNX model; reference: the slow evaluator of the package onnx.",
+)
 @click.option("--show", type=click.IntRange(0), default=3, show_default=True, help="Print so many numbers of a check.")
 @click.option("--json", "json_file", type=NEW_FILE, help="Write the figures here, and each number that differs.")
 @click.option("--junit", "junit_file", type=NEW_FILE, help="Write a test case for each check, for a build server.")
@@ -259,6 +267,7 @@ def verify(
     firmware: bool,
     targets: tuple[str, ...],
     port: str | None,
+    engine: str,
     show: int,
     json_file: Path | None,
     junit_file: Path | None,
@@ -275,7 +284,9 @@ def verify(
     from .pipeline import run_verify
 
     check_outputs([json_file, junit_file], [export_dir, data])
-    done = run_verify(export_dir, data, build_dir, samples, firmware, targets=targets, port=port, show=show)
+    done = run_verify(
+        export_dir, data, build_dir, samples, firmware, targets=targets, port=port, show=show, engine=engine
+    )
     if json_file:
         write_verdict(json_file, done.report, done.failures)
         click.echo(f"differences: {json_file}")

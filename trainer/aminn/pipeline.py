@@ -68,15 +68,17 @@ def run_verify(
     targets: tuple[str, ...] = (),
     port: str | None = None,
     show: int = 3,
+    engine: str = "onnxruntime",
 ) -> Verification:
     """Replay `data` through ONNX Runtime and the compiled runtime; flat figures and what differs. `echo` prints.
 
-    `targets` are further machines of `aminn_export.targets`, `port` is a serial port or socket with a board behind it.
+    `targets` are further machines of `aminn_export.targets`, `port` is a serial port or socket with a board behind it;
+    another `engine` of `aminn_export.engines` stands in for ONNX Runtime.
     """
     from aminn_export.verify import run_verification, tell
 
     targets = (*targets, *(("cortex_m7",) if firmware else ()))
-    done = run_verification(exported, data, build, samples, targets, port)
+    done = run_verification(exported, data, build, samples, targets, port, engine)
     tell(done, echo, show)
     return done
 

@@ -64,7 +64,8 @@ _LOAD: dict[str, Callable[[Path], Run]] = {
     "openvino": _load_openvino,
     "reference": _load_reference,
 }
-ENGINES = tuple(_LOAD)
+ENGINES = {"onnxruntime": "ONNX Runtime", "openvino": "OpenVINO", "reference": "onnx's reference evaluator"}
+"""What messages call each."""
 
 
 def load_engine(engine: str, model: Path) -> Run:

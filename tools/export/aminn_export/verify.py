@@ -30,6 +30,7 @@ from aminn_base.files import write_atomically
 
 from . import serial_protocol, targets
 from .bin_model import BinModel, read_bin_model
+from .engines import ENGINES, load_engine
 from .golden import GOLDEN_FILE, inputs_of, run_onnx, single_thread_session
 from .identity import misfits
 from .judge import Failure, Verdict, compare_bits, compare_within, worst_first
@@ -219,12 +220,14 @@ def compare(target: str, results: Results, exact: Exact, names: Callable[[int], 
     return Verdict(figures, verdict.failures, verdict.judged)
 
 
-def evaluate_exact(export_dir: Path, model: BinModel, inputs: dict[str, NDArray]) -> Exact:
-    """ONNX Runtime's and the float64 outputs."""
+def evaluate_exact(
+    export_dir: Path, model: BinModel, inputs: dict[str, NDArray], engine: str = "onnxruntime"
+) -> Exact:
+    """The outputs of the ONNX model in one of `engines.ENGINES`, and the float64 outputs."""
     file = export_dir / ONNX_FILE
     if not file.is_file():
         raise AminnError(f"{export_dir}: no {ONNX_FILE}; is this a folder that `aminn export` wrote?")
-    onnx = run_onnx(single_thread_session(file), inputs)
+    onnx = load_engine(engine, file)(inputs)
     for name, value in onnx.items():
         if not np.isfinite(value).all():
             raise AminnError(f"{file}: {name} is not finite for some samples; the model or the samples are damaged")
@@ -340,17 +343,19 @@ def run_verification(
     min_samples: int | None = None,
     on_targets: tuple[str, ...] = (),
     port: str | None = None,
+    engine: str = "onnxruntime",
 ) -> Verification:
     """Replay `source` (data set folder or vector file) through the models of `export_dir`.
 
     `build_dir` is a build folder of the runtime, or the prefix that it is installed with; `on_targets` are names of
     `targets.TARGETS` to replay on as well, `port` is the serial port (or socket) of a board that runs the
-    firmware's serial protocol. Raises AminnError where something cannot be run at all.
+    firmware's serial protocol; `engine` of engines.ENGINES evaluates the ONNX model.
+    Raises AminnError where something cannot be run at all.
     """
     prefix = model_prefix(export_dir)
     model, place = read_bin_model(export_dir / f"{prefix}.bin"), find_runtime(build_dir)
     samples = load_samples(source, min_samples)
-    exact = evaluate_exact(export_dir, model, samples.inputs)
+    exact = evaluate_exact(export_dir, model, samples.inputs, engine)
     report: Report = {"samples": len(samples.inputs["q"])} | _onnx_figures(exact)
     replays: dict[str, Callable[[Path, Path], Report]] = {
         "host_bin": lambda vectors, out: _replay_bin(export_dir, place, vectors, out),
@@ -373,7 +378,7 @@ def run_verification(
             own_figures = replay(vectors, out)
             results[target] = read_results(out)
             verdict = compare(target, results[target], exact, samples.names)
-            cases += _cases(target, verdict, "against ONNX Runtime")
+            cases += _cases(target, verdict, f"against {ENGINES[engine]}")
             failures += verdict.failures
             figures = verdict.figures | own_figures
             if target != BITS_OF:
