@@ -5,12 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import onnx
 import pytest
 
 from aminn.dims import INPUT_SHAPES, OUTPUT_SHAPES
 from aminn_export.bin_model import read_bin_model, write_bin_model
 from aminn_export.c_model import write_c_model
 from aminn_export.golden import run_onnx, single_thread_session
+from aminn_export.onnx_model import build_onnx
 from aminn_export.reference import Reference
 from aminn_export.vectors import read_vectors
 
@@ -24,6 +26,15 @@ def test_c_and_binary_writers_give_the_committed_bytes(tmp_path: Path) -> None:
     write_bin_model(model, tmp_path / "aminn_model.bin")
     for file in sorted(tmp_path.iterdir()):
         assert file.read_bytes() == (GOLDEN / file.name).read_bytes(), file.name
+
+
+@pytest.mark.parametrize("debug", [False, True])
+def test_onnx_files_are_those_that_the_writer_gives(debug: bool) -> None:
+    """Node by node; constants of double precision are in the ONNX metadata alone."""
+    file = GOLDEN / ("aminn_debug.onnx" if debug else "aminn.onnx")
+    wanted, found = build_onnx(read_bin_model(GOLDEN / "aminn_model.bin"), debug).graph, onnx.load(file).graph
+    assert list(found.node) == list(wanted.node)
+    assert [t.name for t in found.initializer] == [t.name for t in wanted.initializer]
 
 
 @pytest.mark.parametrize("debug", [False, True])
