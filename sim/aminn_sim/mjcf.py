@@ -42,7 +42,7 @@ def read_model(scene: Path) -> ModelFiles:
         root = _root(found, path)
         roots.append(root)
         todo += [scene.parent / name for e in root.iter() if _tag(e) == "include" for name in _names(e)]
-    told = {key: [] for keys in FOLDERS.values() for key in keys}
+    told: dict[str, list[str]] = {key: [] for keys in FOLDERS.values() for key in keys}
     for compiler in (e for root in roots for e in root.iter() if _tag(e) == "compiler"):
         for key, value in compiler.attrib.items():
             told.get(key.lower(), []).append(value)

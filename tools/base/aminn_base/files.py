@@ -54,7 +54,7 @@ def same_place(a: Path, b: Path) -> bool:
         return os.path.realpath(a) == os.path.realpath(b)
 
 
-READ = ("manifest.json", "unfinished.json", "shard-*.h5", "model.json", "*.safetensors")
+READ: tuple[str, ...] = ("manifest.json", "unfinished.json", "shard-*.h5", "model.json", "*.safetensors")
 READ += ("*.onnx", "*.c", "*.h", "*.bin")
 """What the commands read of a data set, of a run and of an export."""
 
