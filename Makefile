@@ -219,8 +219,8 @@ $(STAMPS)/host: $(RUNTIME_SOURCES) | $(STAMPS)/apt-host
 $(STAMPS)/firmware: $(FIRMWARE_SOURCES) | $(STAMPS)/apt-host $(STAMPS)/apt-arm
 	@echo "Building the firmware"
 	@$(QUIET) $(BUILD)/logs/firmware-configure.log cmake -S runtime/firmware -B $(FIRMWARE) -G Ninja \
-	  --toolchain $(CURDIR)/runtime/firmware/arm-none-eabi.cmake -DMODEL_DIR=$(CURDIR)/tests/golden \
-	  -DCOMPARE=$(CURDIR)/$(HOST)/runtime/aminn_compare -DREPORT=$(CURDIR)/$(REPORTS)/firmware.json
+	  --toolchain "$(CURDIR)/runtime/firmware/arm-none-eabi.cmake" -DMODEL_DIR="$(CURDIR)/tests/golden" \
+	  -DCOMPARE="$(CURDIR)/$(HOST)/runtime/aminn_compare" -DREPORT="$(CURDIR)/$(REPORTS)/firmware.json"
 	@$(QUIET) $(BUILD)/logs/firmware.log cmake --build $(FIRMWARE) --parallel $(JOBS)
 	@touch $@
 
@@ -228,8 +228,8 @@ $(STAMPS)/firmware: $(FIRMWARE_SOURCES) | $(STAMPS)/apt-host $(STAMPS)/apt-arm
 $(STAMPS)/firmware-%: $(FIRMWARE_SOURCES) | $(STAMPS)/host $(STAMPS)/apt-arm
 	@echo "Building the firmware for $*"
 	@$(QUIET) $(BUILD)/logs/firmware-$*-configure.log cmake -S runtime/firmware -B $(FIRMWARE)-$* -G Ninja \
-	  --toolchain $(CURDIR)/runtime/firmware/arm-none-eabi.cmake -DBOARD=$* -DMODEL_DIR=$(CURDIR)/tests/golden \
-	  -DCOMPARE=$(CURDIR)/$(HOST)/runtime/aminn_compare
+	  --toolchain "$(CURDIR)/runtime/firmware/arm-none-eabi.cmake" -DBOARD=$* -DMODEL_DIR="$(CURDIR)/tests/golden" \
+	  -DCOMPARE="$(CURDIR)/$(HOST)/runtime/aminn_compare"
 	@$(QUIET) $(BUILD)/logs/firmware-$*.log cmake --build $(FIRMWARE)-$* --parallel $(JOBS)
 	@touch $@
 
