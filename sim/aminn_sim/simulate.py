@@ -30,6 +30,7 @@ from tqdm import tqdm
 from aminn_base.errors import WriteError
 from aminn_base.files import refuse_inputs, write_atomically, write_json
 from aminn_base.lock import locked_folder, read_shared
+from aminn_base.read import AnyPath
 
 from . import _core
 from .config import TOOL_FAMILIES, SimulationConfig
@@ -90,12 +91,12 @@ def shard_sizes(config: SimulationConfig) -> list[int]:
 
 def simulate(
     config: SimulationConfig,
-    out_dir: Path | str,
+    out_dir: AnyPath,
     threads: int = 0,
     progress: bool = True,
     engine: str = "threads",
-    hand: Path | str | None = None,
-    report: Path | None = None,
+    hand: AnyPath | None = None,
+    report: AnyPath | None = None,
 ) -> dict:
     """Simulate the data set of `config` into `out_dir` and return its manifest.
 
@@ -114,6 +115,7 @@ def simulate(
     simulator = hand_file.simulator()
     check_options(config, simulator)
     check_tools_fit(config, hand_file, simulator)
+    report = None if report is None else Path(report)
     refuse_inputs(report, [*hand_file.files(), *_own_files(config, out)])
     with ExitStack() as stack:
         _enter_folder(stack, out)

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError
+from aminn_base.read import AnyPath
 from aminn_hand.hand import Branch, Coordinate, Coupling, Hand, Tendon
 from aminn_hand.hand_file import HandFile, model_path, read_hand_file
 
@@ -239,7 +240,7 @@ def _add_servos(file: HandFile, root: ET.Element, model: _Model, joints: Sequenc
     return True
 
 
-def understand(path: Path | str) -> Understood:
+def understand(path: AnyPath) -> Understood:
     """Read a hand file and its model. Raises AminnError that says what is wrong, where, and what to do."""
     return _Reader(Path(path)).read()
 

@@ -25,6 +25,7 @@ from aminn_base.errors import AminnError
 from aminn_export.bin_model import read_bin_model
 from aminn_export.export import export
 from aminn_export.ranges import state_ranges
+from aminn_export.verify import load_samples
 
 
 @pytest.fixture(scope="module")
@@ -56,6 +57,16 @@ def test_export_takes_the_data_of_the_training_alone(
         with pytest.raises(AminnError, match=message):
             export(run, tmp_path / "wrong", data_dir=data)
     assert not (tmp_path / "wrong").exists()
+
+
+def test_verify_refuses_data_of_another_hand(
+    runs: dict[str, Checkpoint], data_dir: Path, other_hand: Path, tmp_path: Path
+) -> None:
+    export(runs["aminn"].path, tmp_path / "out")
+    model = read_bin_model(tmp_path / "out" / "aminn_model.bin")
+    assert load_samples(data_dir, model=model)
+    with pytest.raises(AminnError, match="of another hand than the model"):
+        load_samples(other_hand, model=model)
 
 
 def test_export_names_grasps_that_came_later(runs: dict[str, Checkpoint], dataset: Dataset) -> None:

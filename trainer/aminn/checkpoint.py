@@ -64,8 +64,9 @@ def build_model(kind: str, config: ModelConfig, nominal: Nominal) -> Aminn | Mlp
     return KINDS[kind](config, nominal)
 
 
-def save_checkpoint(path: Path, model: Aminn | Mlp, meta: dict) -> None:
+def save_checkpoint(path: AnyPath, model: Aminn | Mlp, meta: dict) -> None:
     """Write `model` and `meta` into folder `path`."""
+    path = Path(path)
     write_atomically(path / WEIGHTS, save({k: v.contiguous() for k, v in model.state_dict().items()}))
     nominal = {k: v.tolist() for k, v in asdict(model.nominal).items()}
     fixed = {

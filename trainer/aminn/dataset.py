@@ -132,8 +132,9 @@ def _draws(purpose: bytes, grasp_id: NDArray) -> NDArray[np.float64]:
     return np.asarray(draws)[inverse]
 
 
-def read_manifest(path: Path) -> dict:
+def read_manifest(path: AnyPath) -> dict:
     """The manifest of the data set in folder `path`. Raises AminnError with the key that is wrong."""
+    path = Path(path)
     file = path / "manifest.json"
     if not file.is_file():
         raise AminnError(f"{path}: no manifest.json; is this a data set, and did its simulation finish?")

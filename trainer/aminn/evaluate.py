@@ -77,7 +77,7 @@ def names_of(checkpoints: list[Checkpoint]) -> list[str]:
     kinds = [c.model.kind for c in checkpoints]
     shared = [place for place, kind in zip(places, kinds, strict=True) if kinds.count(kind) > 1]
     taken = {_key(text) for names in (BASELINES, KIND_NAMES) for pair in names.items() for text in pair}
-    names = []
+    names: list[str] = []
     for place, kind in zip(places, kinds, strict=True):
         name = _tail(place, shared) if place in shared else kind
         if place in shared and _key(name) in taken - {kind}:

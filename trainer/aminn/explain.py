@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
+from aminn_base.read import AnyPath
 
 from .checkpoint import Checkpoint
 from .dataset import Dataset
@@ -191,7 +192,7 @@ def softest(e: Explanation, count: int = 3) -> list[SoftMotion]:
     return motions
 
 
-def draw(e: Explanation, out: Path) -> None:
+def draw(e: Explanation, out: AnyPath) -> None:
     """The picture: the hand with tool, engagement and springs at the fingers, the three softest motions at the tool.
 
     Its kind is the name's ending, of a device or FIFO without one PNG.
@@ -201,6 +202,7 @@ def draw(e: Explanation, out: Path) -> None:
 
     from .grasp_picture import BRANCH_COLOURS, LABEL, branch_points, draw_scene, load_legend, on_picture
 
+    out = Path(out)
     kind = out.suffix or (".png" if out.exists() and not out.is_file() else "")
     if kind not in PICTURES:
         raise AminnError(f"{out}: pictures are written as {', '.join(PICTURES)}")
@@ -219,9 +221,9 @@ def draw(e: Explanation, out: Path) -> None:
         "springs, tendons and softest motions",
     )
     for rank, motion in enumerate(softest(e)):
-        style = {"color": "#111111", "linewidth": 2.6 - 0.8 * rank, "zorder": 100}
         for line in motion.lines:
-            ax.add_line(Line2D(*on_picture(ax, line).T, **style))
+            x, y = on_picture(ax, line).T
+            ax.add_line(Line2D(x, y, color="#111111", linewidth=2.6 - 0.8 * rank, zorder=100))
         at = on_picture(ax, motion.label_at[None])[0]
         label = f"{rank + 1}: {1e3 * motion.compliance:.3g} mm/N"
         ax.annotate(label, at, fontsize=8, ha="center", va="bottom", bbox=LABEL, zorder=101)

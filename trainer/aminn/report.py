@@ -21,7 +21,7 @@ from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
 from aminn_base.files import write_atomically
-from aminn_base.read import read_json
+from aminn_base.read import AnyPath, read_json
 
 from .evaluate import BASELINES, KIND_NAMES
 from .grasp_picture import GraspPicture, draw_grasp
@@ -334,11 +334,11 @@ def _cells(figures: Mapping[str, Value]) -> list[tuple[str, str]]:
     return [(key, format_value(value)) for key, value in figures.items()]
 
 
-def read_reports(folder: Path, page: Path) -> dict[str, dict[str, Value]]:
+def read_reports(folder: AnyPath, page: AnyPath) -> dict[str, dict[str, Value]]:
     """The reports in `folder` by name, but the one that `page` shows anyway. Raises AminnError for a damaged one."""
     found = {}
-    for file in sorted(folder.glob("*.json")):
-        if file.stem == page.stem:
+    for file in sorted(Path(folder).glob("*.json")):
+        if file.stem == Path(page).stem:
             continue
         found[file.stem] = read_json(file, "a report (remove it, or run again what wrote it)")
     return found
@@ -363,7 +363,7 @@ def difference_table(verification: Mapping[str, Value]) -> tuple[list[str], list
     return [TARGETS[t] for t in targets], cells
 
 
-def write_report(inputs: ReportInputs, out_html: Path) -> None:
+def write_report(inputs: ReportInputs, out_html: AnyPath) -> None:
     """Write the page, atomically."""
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent),
@@ -384,4 +384,4 @@ def write_report(inputs: ReportInputs, out_html: Path) -> None:
         pictures=pictures(inputs),
         verification=inputs.verification,
     )
-    write_atomically(out_html, page.encode())
+    write_atomically(Path(out_html), page.encode())

@@ -20,7 +20,7 @@ NO_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
 """What flock says on a file system that has no locks."""
 
 
-def write_atomically(path: Path, content: bytes) -> None:
+def write_atomically(path: str | os.PathLike[str], content: bytes) -> None:
     """Write a file: a reader sees the old one or the new one, never half of it, whatever ends program or machine.
 
     A new file gets the mode that the umask leaves, a file that is there keeps mode and owner. Links are followed: what
@@ -29,6 +29,7 @@ def write_atomically(path: Path, content: bytes) -> None:
 
     Raises WriteError where the file cannot be written; the old file is untouched then and nothing is left behind.
     """
+    path = Path(path)
     try:
         target = _target(path)
         if isinstance(target, int):
@@ -41,7 +42,7 @@ def write_atomically(path: Path, content: bytes) -> None:
         raise WriteError(path, error.strerror or str(error)) from error
 
 
-def write_json(path: Path, value: dict) -> None:
+def write_json(path: str | os.PathLike[str], value: dict) -> None:
     """Write a JSON file with sorted keys, as `write_atomically`. A figure that is not finite becomes null."""
     write_atomically(path, (json.dumps(_finite(value), indent=1, sort_keys=True, allow_nan=False) + "\n").encode())
 

@@ -51,6 +51,7 @@ class Messages(click.Command):
 
     def invoke(self, ctx: click.Context) -> object:
         try:
+            _check_place()
             return super().invoke(ctx)
         except (click.ClickException, click.exceptions.Exit, click.Abort):
             raise
@@ -97,6 +98,14 @@ def prepare() -> None:
     os.environ["MPLBACKEND"] = "agg"
     if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
         signal.signal(signal.SIGTERM, _terminate)
+
+
+def _check_place() -> None:
+    """Libraries that are loaded in a folder that is gone end the process without a word."""
+    try:
+        os.getcwd()
+    except OSError as error:
+        raise AminnError(f"the current folder is gone ({error.strerror}); change to one that is there") from error
 
 
 def _terminate(number: int, frame: FrameType | None) -> None:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from aminn.dims import BRANCH_JOINTS, BRANCHES, JOINTS
 from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
+from aminn_base.read import AnyPath
 
 from .known_answer import answered
 from .layout import (
@@ -52,7 +53,7 @@ def model_crc(exported: Exported) -> int:
     return content_crc(*answered(exported))
 
 
-def write_bin_model(exported: Exported, path: Path | str) -> None:
+def write_bin_model(exported: Exported, path: AnyPath) -> None:
     """Write `aminn_model.bin`. Raises AminnError if the model does not fit the runtime."""
     write_atomically(Path(path), bin_model_bytes(exported))
 
@@ -72,7 +73,7 @@ def _check(blob: bytes, path: Path) -> None:
         raise AminnError(f"{path}: damaged: its CRC-32 does not match")
 
 
-def read_bin_model(path: Path | str) -> BinModel:
+def read_bin_model(path: AnyPath) -> BinModel:
     """Read a blob back. Raises AminnError on a damaged file, OSError if it cannot be read."""
     path = Path(path)
     blob = path.read_bytes()

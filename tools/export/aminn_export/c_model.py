@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from aminn.dims import INPUT_SHAPES, N_BRANCH, N_CONTACT_FEATURE, N_COORD, N_JOINT, N_WRENCH, OUTPUT_SHAPES
 from aminn_base.files import write_atomically
+from aminn_base.read import AnyPath
 
 from .c_names import check_prefix
 from .known_answer import answered
@@ -147,7 +148,7 @@ def c_model_texts(exported: Exported, prefix: str = "aminn_model") -> tuple[str,
     return source, _header(prefix, layout)
 
 
-def write_c_model(exported: Exported, out_dir: Path | str, prefix: str = "aminn_model") -> list[Path]:
+def write_c_model(exported: Exported, out_dir: AnyPath, prefix: str = "aminn_model") -> list[Path]:
     """Write PREFIX.c and PREFIX.h into out_dir; returns their paths. Raises AminnError if the model does not fit."""
     source, header = c_model_texts(exported, prefix)
     paths = [Path(out_dir) / f"{prefix}.c", Path(out_dir) / f"{prefix}.h"]

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from aminn_base.errors import AminnError
+from aminn_base.read import AnyPath
 
 from .bin_model import model_crc, read_bin_model
 from .judge import Failure, Verdict, compare_bits, compare_within
@@ -50,13 +51,13 @@ def _with_reference(model_file: Path, vector_file: Path, result_file: Path) -> V
     return replace(verdict, failures=[other, *verdict.failures])
 
 
-def compare_files(files: Sequence[Path]) -> Verdict:
+def compare_files(files: Sequence[AnyPath]) -> Verdict:
     """Two result files, bit by bit, or a model, a vector file and its results within `tolerances`.
 
     The kinds are read from the files; of two result files the first is the reference. Raises AminnError for files that
     do not go together or are damaged.
     """
-    found = _by_kind(files)
+    found = _by_kind([Path(file) for file in files])
     counts = [len(found[kind]) for kind in KINDS.values()]
     if counts == [0, 0, 2]:
         want, got = found["result file"]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from onnx.reference import ReferenceEvaluator
 
 from aminn_base.errors import AminnError
+from aminn_base.read import AnyPath
 
 from .golden import in_chunks, run_onnx, single_thread_session
 
@@ -68,10 +69,10 @@ ENGINES = {"onnxruntime": "ONNX Runtime", "openvino": "OpenVINO", "reference": "
 """What messages call each."""
 
 
-def load_engine(engine: str, model: Path) -> Run:
+def load_engine(engine: str, model: AnyPath) -> Run:
     """A function from inputs to all outputs of a model file, by name: one of ENGINES on one thread, in float32.
 
     "reference" is the evaluator of the package onnx, which computes each operator in NumPy. Raises AminnError where the
     engine is not installed or does not take the model.
     """
-    return _LOAD[engine](model)
+    return _LOAD[engine](Path(model))

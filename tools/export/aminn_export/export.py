@@ -29,8 +29,9 @@ from .tables import Exported
 from .weights import float16_model, rounding_error
 
 
-def write_model_files(exported: Exported, out_dir: Path, prefix: str) -> None:
+def write_model_files(exported: Exported, out_dir: AnyPath, prefix: str) -> None:
     """Write the ONNX models, the C model and its binary form into an existing folder."""
+    out_dir = Path(out_dir)
     write_c_model(exported, out_dir, prefix)
     write_bin_model(exported, out_dir / f"{prefix}.bin")
     write_onnx(exported, out_dir / ONNX_FILE)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from aminn.dataset import Dataset
 from aminn.dims import INPUT_SHAPES, OUTPUT_SHAPES
 from aminn_base.errors import AminnError
+from aminn_base.read import AnyPath
 
 from .bin_model import model_crc
 from .reference import Reference
@@ -37,13 +38,13 @@ def check_onnxruntime() -> None:
         )
 
 
-def single_thread_session(model: Path | bytes) -> ort.InferenceSession:
+def single_thread_session(model: AnyPath | bytes) -> ort.InferenceSession:
     """An ONNX Runtime session on one CPU thread. Raises AminnError if it is no model that ONNX Runtime can load."""
     check_onnxruntime()
     options = ort.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.graph_optimization_level = OPTIMISATION_LEVEL
-    source = model if isinstance(model, bytes) else model.read_bytes()
+    source = model if isinstance(model, bytes) else Path(model).read_bytes()
     try:
         return ort.InferenceSession(source, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # its exceptions have no common base of their own
@@ -84,7 +85,9 @@ def spread(stable: NDArray, n: int) -> NDArray[np.int64]:
     return np.sort(np.concatenate(picks)) if picks else np.zeros(0, np.int64)
 
 
-def write_golden(exported: Exported, onnx_file: Path, dataset: Dataset, path: Path, n: int = GOLDEN_SAMPLES) -> int:
+def write_golden(
+    exported: Exported, onnx_file: AnyPath, dataset: Dataset, path: AnyPath, n: int = GOLDEN_SAMPLES
+) -> int:
     """Write golden vectors of `dataset` to `path`; returns their number."""
     inputs = inputs_of(dataset.take(spread(dataset.samples["stable"], n)))
     outputs = run_onnx(single_thread_session(onnx_file), inputs)

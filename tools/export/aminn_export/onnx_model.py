@@ -10,7 +10,6 @@ that an elimination of K_x would square away. Shapes stand on their lines; S is 
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import onnx
@@ -32,6 +31,7 @@ from aminn.dims import (
 )
 from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
+from aminn_base.read import AnyPath
 
 from .onnx_graph import GraphBuilder
 from .tables import STAGES, Exported, pair_of
@@ -103,7 +103,7 @@ def onnx_metadata(meta: dict) -> dict[str, str]:
     return {key: json.dumps(value, sort_keys=True) for key, value in values.items()}
 
 
-def read_metadata(path: Path) -> dict:
+def read_metadata(path: AnyPath) -> dict:
     """The metadata of an ONNX file, decoded."""
     return {p.key: json.loads(p.value) for p in onnx.load(path).metadata_props}
 
@@ -533,6 +533,6 @@ def build_onnx(exported: Exported, debug: bool = False) -> onnx.ModelProto:
     return model
 
 
-def write_onnx(exported: Exported, path: Path, debug: bool = False) -> None:
+def write_onnx(exported: Exported, path: AnyPath, debug: bool = False) -> None:
     """Write `build_onnx` to `path`; the same tables give the same bytes."""
     write_atomically(path, build_onnx(exported, debug).SerializeToString(deterministic=True))

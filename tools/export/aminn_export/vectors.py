@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from aminn.dims import INPUT_SHAPES, OUTPUT_SHAPES
 from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
+from aminn_base.read import AnyPath
 
 VECTOR_MAGIC = 0x564E4D41  # "AMNV"
 RESULT_MAGIC = 0x4F4E4D41  # "AMNO"
@@ -84,7 +85,7 @@ def unpack(rows: NDArray, shapes: dict[str, tuple[int, ...]]) -> dict[str, NDArr
 
 
 def write_vectors(
-    path: Path | str,
+    path: AnyPath,
     inputs: dict[str, NDArray],
     reference: dict[str, NDArray],
     reference_f64: dict[str, NDArray] | None = None,
@@ -108,9 +109,9 @@ def write_vectors(
     write_atomically(Path(path), header + payload)
 
 
-def magic_of(path: Path) -> int:
+def magic_of(path: AnyPath) -> int:
     """The first word of a file, which says of what kind it is; 0 if it is shorter."""
-    with path.open("rb") as file:
+    with Path(path).open("rb") as file:
         return int.from_bytes(file.read(4).ljust(4, b"\0"), "little")
 
 
@@ -134,7 +135,7 @@ def _open(path: Path, magic: int, kind: str, n_in: int, n_out: int) -> tuple[byt
     return payload, n, bool(has_f64), model
 
 
-def read_vectors(path: Path | str) -> Vectors:
+def read_vectors(path: AnyPath) -> Vectors:
     """Read a vector file. Raises AminnError on a damaged one, OSError if it cannot be read."""
     path = Path(path)
     payload, n, has_f64, model = _open(path, VECTOR_MAGIC, "vector", N_IN, N_OUT)
@@ -149,7 +150,7 @@ def read_vectors(path: Path | str) -> Vectors:
     return Vectors(unpack(x, INPUT_SHAPES), unpack(y, OUTPUT_SHAPES), exact, model)
 
 
-def read_results(path: Path | str) -> Results:
+def read_results(path: AnyPath) -> Results:
     """Read what a replay wrote. Raises AminnError on a damaged file, OSError if it cannot be read."""
     path = Path(path)
     payload, n, _, _ = _open(path, RESULT_MAGIC, "result", 0, N_OUT + 1)
@@ -160,7 +161,7 @@ def read_results(path: Path | str) -> Results:
     return Results(unpack(rows[:, :N_OUT], OUTPUT_SHAPES), np.ascontiguousarray(rows[:, N_OUT]), status)
 
 
-def write_results(path: Path | str, rows: NDArray[np.float32], status: NDArray[np.int32]) -> None:
+def write_results(path: AnyPath, rows: NDArray[np.float32], status: NDArray[np.int32]) -> None:
     """Write a result file: outputs and decision (n, 47), and a status code for each sample (n)."""
     payload = np.ascontiguousarray(rows, "<f4").tobytes() + np.ascontiguousarray(status, "<i4").tobytes()
     header = _HEADER.pack(RESULT_MAGIC, VERSION, len(rows), 0, N_OUT + 1, 0, zlib.crc32(payload), 0)

@@ -27,12 +27,13 @@ from aminn.dims import LENGTH_SCALE_M as LENGTH_M
 from aminn.evaluate import align_columns
 from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
+from aminn_base.read import AnyPath
 
 from . import serial_protocol, targets
 from .bin_model import BinModel, read_bin_model
 from .engines import ENGINES, load_engine
 from .golden import GOLDEN_FILE, inputs_of, run_onnx, single_thread_session
-from .identity import misfits
+from .identity import check_model_hand, misfits
 from .judge import Failure, Verdict, compare_bits, compare_within, worst_first
 from .onnx_model import DEBUG_FILE, ONNX_FILE, build_onnx
 from .reference import Reference
@@ -99,10 +100,17 @@ def samples_of_dataset(dataset: Dataset, min_samples: int | None = None) -> Samp
     return Samples(inputs_of(dataset.take(index)), lambda i: f"grasp {grasp[i]}, sample {index[i]} of the data set")
 
 
-def load_samples(source: Path, min_samples: int | None = None) -> Samples:
-    """Samples of a data set (a folder) or of a vector file. Raises AminnError where there is none."""
+def load_samples(source: AnyPath, min_samples: int | None = None, model: BinModel | None = None) -> Samples:
+    """Samples of a data set (a folder) or of a vector file.
+
+    Raises AminnError where there is none, and where the data set is of another hand than `model`.
+    """
+    source = Path(source)
     if source.is_dir():
-        samples = samples_of_dataset(load_dataset(source), min_samples)
+        dataset = load_dataset(source)
+        if model is not None:
+            check_model_hand(model, dataset, source)
+        samples = samples_of_dataset(dataset, min_samples)
     else:
         samples = Samples(read_vectors(source).inputs, lambda i: f"sample {i} of {source.name}")
     if not len(samples.inputs["q"]):
@@ -337,9 +345,9 @@ def _cases(target: str, verdict: Verdict, what: str) -> list[Case]:
 
 
 def run_verification(
-    export_dir: Path,
-    source: Path,
-    build_dir: Path,
+    export_dir: AnyPath,
+    source: AnyPath,
+    build_dir: AnyPath,
     min_samples: int | None = None,
     on_targets: tuple[str, ...] = (),
     port: str | None = None,
@@ -352,9 +360,10 @@ def run_verification(
     firmware's serial protocol; `engine` of engines.ENGINES evaluates the ONNX model.
     Raises AminnError where something cannot be run at all.
     """
+    export_dir, source = Path(export_dir), Path(source)
     prefix = model_prefix(export_dir)
-    model, place = read_bin_model(export_dir / f"{prefix}.bin"), find_runtime(build_dir)
-    samples = load_samples(source, min_samples)
+    model, place = read_bin_model(export_dir / f"{prefix}.bin"), find_runtime(Path(build_dir))
+    samples = load_samples(source, min_samples, model)
     exact = evaluate_exact(export_dir, model, samples.inputs, engine)
     report: Report = {"samples": len(samples.inputs["q"])} | _onnx_figures(exact)
     replays: dict[str, Callable[[Path, Path], Report]] = {
@@ -405,9 +414,9 @@ def tell(done: Verification, echo: Callable[[str], object] = click.echo, show: i
 
 
 def verify(
-    export_dir: Path,
-    source: Path,
-    build_dir: Path,
+    export_dir: AnyPath,
+    source: AnyPath,
+    build_dir: AnyPath,
     min_samples: int | None = None,
     on_targets: tuple[str, ...] = (),
     port: str | None = None,
