@@ -21,58 +21,83 @@ KEYWORDS = frozenset(
 
 MATHEMATICS = frozenset(
     """
-    acos acosh asin asinh atan atan2 atanh cabs cacos cacosh carg casin casinh catan catanh cbrt ccos ccosh ceil cexp
-    cimag clog conj copysign cos cosh cpow cproj creal csin csinh csqrt ctan ctanh erf erfc exp exp2 expm1 fabs fdim
-    floor fma fmax fmin fmod frexp hypot ilogb ldexp lgamma llrint llround log log10 log1p log2 logb lrint lround modf
-    nan nearbyint nextafter nexttoward pow remainder remquo rint round scalbln scalbn sin sinh sqrt tan tanh tgamma
-    trunc
+    acos acosh asin asinh atan atan2 atanh cabs cacos cacosh canonicalize carg casin casinh catan catanh cbrt ccos
+    ccosh ceil cexp cimag clog clog10 conj copysign cos cosh cpow cproj creal csin csinh csqrt ctan ctanh drem erf
+    erfc exp exp10 exp2 expm1 fabs fdim finite floor fma fmax fmaximum fmaximum_mag fmaximum_mag_num fmaximum_num
+    fmaxmag fmin fminimum fminimum_mag fminimum_mag_num fminimum_num fminmag fmod frexp fromfp fromfpx gamma
+    getpayload hypot ilogb isinf isnan j0 j1 jn ldexp lgamma llogb llrint llround log log10 log1p log2 logb lrint
+    lround modf nan nearbyint nextafter nextdown nexttoward nextup pow pow10 remainder remquo rint round roundeven
+    scalb scalbln scalbn setpayload setpayloadsig significand sin sincos sinh sqrt tan tanh tgamma totalorder
+    totalordermag trunc ufromfp ufromfpx y0 y1 yn
     """.split()
 )
-"""Functions of the C library that have forms for float (f) and long double (l)."""
+"""Functions of the C library that have forms for other types of numbers (sinf, sinl, sinf32x)."""
 
 LIBRARY = frozenset(
     """
-    abort abs accept access alarm aligned_alloc alphasort asctime asprintf assert at_quick_exit atexit atof atoi atol
-    atoll bind bsearch btowc c16rtomb c32rtomb call_once calloc cfgetispeed cfgetospeed cfsetispeed cfsetospeed chdir
-    chmod chown clearerr clock close closedir closelog confstr connect control_word count creat ctime data daylight
-    difftime dirfd div dlclose dlerror dlopen dlsym dup dup2 endhostent endnetent endprotoent endservent errno execl
-    execle execlp execv execve execvp exit faccessat fchdir fchmod fchmodat fchown fchownat fclose fcntl fdatasync
-    fdopendir feclearexcept fegetenv fegetexceptflag fegetround feholdexcept feof feraiseexcept ferror fesetenv
-    fesetexceptflag fesetround fetestexcept feupdateenv fexecve fflush ffs fgetc fgetpos fgets fgetwc fgetws fopen
-    fork fpathconf fpclassify fprintf fputc fputs fputwc fputws fread free freeaddrinfo freopen fscanf fseek fsetpos
-    fstat fstatat fsync ftell ftruncate futimens fwide fwprintf fwrite fwscanf getaddrinfo getc getchar getcwd getdate
-    getegid getenv geteuid getgid getgroups gethostbyaddr gethostbyname gethostent gethostid gethostname getitimer
-    getlogin getnameinfo getnetbyaddr getnetbyname getnetent getopt getpeername getpgid getpgrp getpid getppid
-    getprotobyname getprotobynumber getprotoent getservbyname getservbyport getservent getsid getsockname getsockopt
-    gettimeofday getuid getwc getwchar gmtime htonl htons imaxabs imaxdiv ioctl isalnum isalpha isatty isblank iscntrl
-    isdigit isfinite isgraph isgreater isgreaterequal isinf isless islessequal islessgreater islower isnan isnormal
-    isprint ispunct isspace isunordered isupper iswalnum iswalpha iswblank iswcntrl iswctype iswdigit iswgraph
-    iswlower iswprint iswpunct iswspace iswupper iswxdigit isxdigit jmp_buf kill kill_dependency killpg labs lchown
-    ldiv link linkat linux listen llabs lldiv localeconv localtime lockf longjmp lseek lstat main malloc
-    math_errhandling mblen mbrlen mbrtoc16 mbrtoc32 mbrtowc mbsinit mbsrtowcs mbstowcs mbtowc memchr memcmp memcpy
-    memmove memory_order memset mkdir mkdirat mkfifo mkfifoat mknod mknodat mktime mlock mlockall mmap mprotect msync
-    munlock munlockall munmap nanosleep next nice ntohl ntohs offsetof once_flag open openat opendir openlog optarg
-    opterr optind optopt pathconf pause perror pipe poll pos pread prev printf pselect psiginfo psignal putc putchar
-    puts putwc putwchar pwrite qsort quick_exit raise rand read readdir readlink readlinkat realloc recv recvfrom
-    recvmsg remove rename rewind rewinddir rmdir scandir scanf seekdir select send sendmsg sendto setbuf setegid
-    seteuid setgid sethostent setitimer setjmp setlocale setlogmask setnetent setpgid setpgrp setprotoent setregid
-    setreuid setservent setsid setsockopt setuid setvbuf shutdown sigaction sigaddset sigaltstack sigdelset
-    sigemptyset sigfillset sighold sigignore siginterrupt sigismember sigjmp_buf signal signbit sigpause sigpending
-    sigprocmask sigqueue sigrelse sigset sigsuspend sigtimedwait sigwait sigwaitinfo sleep snprintf sockatmark socket
-    socketpair sprintf srand sscanf stat std stderr stdin stdout strcasecmp strcat strchr strcmp strcoll strcpy
-    strcspn strerror strftime strlen strncasecmp strncat strncmp strncpy strpbrk strptime strrchr strspn strstr strtod
-    strtof strtoimax strtok strtol strtold strtoll strtoul strtoull strtoumax strxfrm swab swprintf swscanf symlink
-    symlinkat sync sysconf syslog system tcdrain tcflow tcflush tcgetattr tcgetpgrp tcgetsid tcsendbreak tcsetattr
-    tcsetpgrp telldir time timespec_get timezone tmpfile tmpnam tolower toupper towctrans towlower towupper truncate
-    ttyname tzset u_char u_int u_long u_quad_t u_short umask ungetc ungetwc unix unlink unlinkat utimensat utimes
-    va_arg va_copy va_end va_list va_start vasprintf vfprintf vfscanf vfwprintf vfwscanf vprintf vscanf vsnprintf
-    vsprintf vsscanf vswprintf vswscanf vwprintf vwscanf wait waitid waitpid wcrtomb wcscat wcschr wcscmp wcscoll
-    wcscpy wcscspn wcsftime wcslen wcsncat wcsncmp wcsncpy wcspbrk wcsrchr wcsrtombs wcsspn wcsstr wcstod wcstof
-    wcstoimax wcstok wcstol wcstold wcstoll wcstombs wcstoul wcstoull wcstoumax wcsxfrm wctob wctomb wctrans wctype
-    wmemchr wmemcmp wmemcpy wmemmove wmemset wprintf write wscanf
+    a64l abort abs accept access acct alarm aligned_alloc alloca alphasort arc4random arc4random_buf
+    arc4random_uniform asctime asprintf assert at_quick_exit atexit atof atoi atol atoll basename bcmp bcopy bind
+    brk bsearch btowc bzero c16rtomb c32rtomb call_once calloc canonicalize_file_name cfgetispeed cfgetospeed
+    cfmakeraw cfsetispeed cfsetospeed cfsetspeed chdir chmod chown chroot clearenv clearerr clock clock_adjtime
+    clock_getcpuclockid clock_getres clock_gettime clock_nanosleep clock_settime clone close close_range closedir
+    closefrom closelog confstr connect control_word copy_file_range count creat crypt ctermid ctime cuserid daemon
+    data daylight difftime dirfd div dladdr dladdr1 dlclose dlerror dlinfo dlmopen dlopen dlsym dlvsym dprintf
+    drand48 dup dup2 dup3 duplocale dysize eaccess ecvt endhostent endnetent endprotoent endservent endusershell
+    erand48 errno euidaccess execl execle execlp execv execve execveat execvp execvpe exit explicit_bzero faccessat
+    fallocate fchdir fchmod fchmodat fchown fchownat fclose fcloseall fcntl fcvt fdatasync fdopen fdopendir
+    feclearexcept fedisableexcept feenableexcept fegetenv fegetexcept fegetexceptflag fegetmode fegetround
+    feholdexcept feof feraiseexcept ferror fesetenv fesetexcept fesetexceptflag fesetmode fesetround fetestexcept
+    fetestexceptflag feupdateenv fexecve fflush ffs ffsl ffsll fgetc fgetpos fgets fgetwc fgetws fileno flockfile
+    fmemopen fopen fopencookie fork fpathconf fpclassify fprintf fputc fputs fputwc fputws fread free freeaddrinfo
+    freelocale freopen fscanf fseek fseeko fsetpos fstat fstatat fsync ftell ftello ftruncate ftrylockfile
+    funlockfile futimens fwide fwprintf fwrite fwscanf gcvt get_current_dir_name getaddrinfo getc getchar getcpu
+    getcwd getdate getdelim getdents64 getdirentries getdomainname getdtablesize getegid getentropy getenv geteuid
+    getgid getgroups gethostbyaddr gethostbyname gethostent gethostid gethostname getitimer getline getloadavg
+    getlogin getnameinfo getnetbyaddr getnetbyname getnetent getopt getpagesize getpass getpeername getpgid getpgrp
+    getpid getppid getprotobyname getprotobynumber getprotoent getpt getresgid getresuid getservbyname getservbyport
+    getservent getsid getsockname getsockopt getsubopt gettid gettimeofday getuid getusershell getw getwc getwchar
+    getwd gmtime grantpt group_member gsignal htonl htons imaxabs imaxdiv index initstate ioctl isalnum isalpha
+    isascii isatty isblank iscntrl isctype isdigit isfinite isgraph isgreater isgreaterequal isless islessequal
+    islessgreater islower isnormal isprint ispunct isspace isunordered isupper iswalnum iswalpha iswblank iswcntrl
+    iswctype iswdigit iswgraph iswlower iswprint iswpunct iswspace iswupper iswxdigit isxdigit jmp_buf jrand48 kill
+    kill_dependency killpg l64a labs lchown lcong48 ldiv link linkat linux listen llabs lldiv localeconv localtime
+    lockf longjmp lrand48 lseek lstat main malloc math_errhandling mblen mbrlen mbrtoc16 mbrtoc32 mbrtowc mbsinit
+    mbsnrtowcs mbsrtowcs mbstowcs mbtowc memccpy memchr memcmp memcpy memfrob memmem memmove memory_order mempcpy
+    memrchr memset mkdir mkdirat mkdtemp mkfifo mkfifoat mknod mknodat mkostemp mkostemps mkstemp mkstemps mktemp
+    mktime mlock mlockall mmap mprotect mrand48 msync munlock munlockall munmap name_to_handle_at nanosleep
+    newlocale next nice nrand48 ntohl ntohs obstack_printf obstack_vprintf offsetof on_exit once_flag open
+    open_by_handle_at open_memstream open_wmemstream openat opendir openlog optarg opterr optind optopt pathconf
+    pause pclose perror pipe pipe2 poll popen pos ppoll pread prev printf profil pselect psiginfo psignal ptsname
+    putc putchar putenv puts putw putwc putwchar pwrite qecvt qfcvt qgcvt qsort quick_exit raise rand random
+    rawmemchr read readahead readdir readlink readlinkat realloc reallocarray realpath recv recvfrom recvmsg remove
+    rename renameat renameat2 revoke rewind rewinddir rindex rmdir rpmatch sbrk scandir scandirat scanf
+    secure_getenv seed48 seekdir select send sendmsg sendto setbuf setbuffer setdomainname setegid setenv seteuid
+    setgid sethostent sethostid sethostname setitimer setjmp setlinebuf setlocale setlogin setlogmask setnetent
+    setns setpgid setpgrp setprotoent setregid setresgid setresuid setreuid setservent setsid setsockopt setstate
+    setuid setusershell setvbuf shutdown sigabbrev_np sigaction sigaddset sigaltstack sigandset sigblock sigdelset
+    sigdescr_np sigemptyset sigfillset siggetmask sighold sigignore siginterrupt sigisemptyset sigismember
+    sigjmp_buf siglongjmp signal signbit sigorset sigpause sigpending sigprocmask sigqueue sigrelse sigreturn sigset
+    sigsetmask sigstack sigsuspend sigtimedwait sigwait sigwaitinfo sleep snprintf sockatmark socket socketpair
+    splice sprintf srand srand48 srandom sscanf ssignal stat std stderr stdin stdout stpcpy stpncpy strcasecmp
+    strcasestr strcat strchr strchrnul strcmp strcoll strcpy strcspn strdup strerror strerrordesc_np strerrorname_np
+    strfromd strfromf strfroml strfry strftime strlen strncasecmp strncat strncmp strncpy strndup strnlen strpbrk
+    strptime strrchr strsep strsignal strspn strstr strtod strtof strtoimax strtok strtol strtold strtoll strtoq
+    strtoul strtoull strtoumax strtouq strverscmp strxfrm swab swprintf swscanf symlink symlinkat sync
+    sync_file_range syncfs syscall sysconf syslog system sysv_signal tcdrain tcflow tcflush tcgetattr tcgetpgrp
+    tcgetsid tcsendbreak tcsetattr tcsetpgrp tee telldir tempnam tgkill time timegm timelocal timer_create
+    timer_delete timer_getoverrun timer_gettime timer_settime timespec_get timespec_getres timezone tmpfile tmpnam
+    toascii tolower toupper towctrans towlower towupper truncate ttyname ttyslot tzset u_char u_int u_long u_quad_t
+    u_short ualarm umask ungetc ungetwc unix unlink unlinkat unlockpt unsetenv unshare uselocale usleep utimensat
+    utimes va_arg va_copy va_end va_list va_start valloc vasprintf vdprintf versionsort vfork vfprintf vfscanf
+    vfwprintf vfwscanf vhangup vmsplice vprintf vscanf vsnprintf vsprintf vsscanf vswprintf vswscanf vsyslog
+    vwprintf vwscanf wait waitid waitpid wcpcpy wcpncpy wcrtomb wcscasecmp wcscat wcschr wcschrnul wcscmp wcscoll
+    wcscpy wcscspn wcsdup wcsftime wcslen wcsncasecmp wcsncat wcsncmp wcsncpy wcsnlen wcsnrtombs wcspbrk wcsrchr
+    wcsrtombs wcsspn wcsstr wcstod wcstof wcstoimax wcstok wcstol wcstold wcstoll wcstombs wcstoq wcstoul wcstoull
+    wcstoumax wcstouq wcswcs wcswidth wcsxfrm wctob wctomb wctrans wctype wcwidth wmemchr wmemcmp wmemcpy wmemmove
+    wmempcpy wmemset wprintf write wscanf
     """.split()
 )
-"""Other names of C's and POSIX's headers, and what compilers define."""
+"""Other names of C's, POSIX's and GNU's headers, and what compilers define; some have forms (pread64, rand_r)."""
 
 HEADERS = frozenset(
     """
@@ -87,7 +112,7 @@ _PATTERNS = {
     r"[A-Z0-9_]+": "macros are written so",
     r".*__.*|.*_": "C++ keeps names with two underscores, which it would make",
     r".*_t": "C and POSIX keep names that end in _t",
-    r"(PRI|SCN)[A-Za-z].*": "C keeps such names",
+    r"(PRI|SCN)[A-Za-z].*|(f(32|64)x?|d|f)(add|sub|mul|div|fma|sqrt)(f(32|64|128)x?|l)?": "C keeps such names",
     r"(atomic|cnd|memory_order|mtx|posix|pthread|sched|sem|thrd|tss|va)_.*": "C and POSIX keep such names",
     r"(?i)aminn(_(?!model).*)?": "it may be a name of the runtime's or of another file of the export",
     r"(?i)aminn_model_(t|check|from_blob)": "it is a name of the runtime's",
@@ -95,11 +120,17 @@ _PATTERNS = {
 }
 
 
+def _is_of_the_library(name: str) -> bool:
+    plain = re.sub(r"((32|64|128)x?)?(_(l|r|unlocked))?$", "", name, count=1)
+    number = plain in MATHEMATICS or (plain[-1:] in ("f", "l") and plain[:-1] in MATHEMATICS)
+    return number or name in LIBRARY or plain in LIBRARY
+
+
 def _objection(prefix: str) -> str | None:
     """Why a C identifier cannot be a prefix; None if it can."""
     if prefix in KEYWORDS:
         return "it is a word of C or C++"
-    if prefix in LIBRARY or prefix in MATHEMATICS or (prefix[-1] in "fl" and prefix[:-1] in MATHEMATICS):
+    if _is_of_the_library(prefix):
         return "it is a name of the C library's"
     if prefix.lower() in HEADERS:
         return f"{prefix}.h would stand for the C library's header"
