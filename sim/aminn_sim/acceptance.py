@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from aminn_base.errors import AminnError
 from aminn_hand.hand import Branch, Hand, rotation
 
-from . import _core, mjcf
+from . import _core, mjcf_tree
 from .preload import skew
 from .understand import Understood
 
@@ -118,7 +118,7 @@ def _scene(understood: Understood, radius_m: float, friction: float) -> str:
     option.set("noslip_iterations", "30")
     option.set("noslip_tolerance", "1e-10")
     ET.SubElement(root, "size", njmax="2000", nconmax="400")
-    world = mjcf.section(root, "worldbody")
+    world = mjcf_tree.section(root, "worldbody")
     body = ET.SubElement(world, "body", name=TOOL, pos="0 0 0")
     ET.SubElement(body, "freejoint", name=TOOL)
     inertia = f"{0.4 * TOOL_MASS_KG * radius_m**2:.9g}"
@@ -138,7 +138,7 @@ def _scene(understood: Understood, radius_m: float, friction: float) -> str:
         ("gap", str(NEAR_M)),
     ):
         geom.set(key, value)
-    return mjcf.text_of(root)
+    return mjcf_tree.text_of(root)
 
 
 class _Bench:

@@ -23,7 +23,7 @@ from aminn_base.read import AnyPath
 from aminn_hand.hand import Branch, Coordinate, Coupling, Hand, Tendon
 from aminn_hand.hand_file import HandFile, model_path, read_hand_file
 
-from . import _core, mjcf
+from . import _core, mjcf_tree
 
 Array = NDArray[np.float64]
 
@@ -213,11 +213,11 @@ def _tell(file: HandFile, root: ET.Element, path: Path) -> None:
         for joint in joints:
             if joint not in names:
                 raise AminnError(f"{path}: {what} names the joint {joint!r}, which the model lacks")
-    mjcf.remove_joints(root, set(file.locked))
+    mjcf_tree.remove_joints(root, set(file.locked))
     if file.stiffness.friction == "drop":
         for element in root.iter():
             element.attrib.pop("frictionloss", None)
-    equality = mjcf.section(root, "equality") if file.coupling else None
+    equality = mjcf_tree.section(root, "equality") if file.coupling else None
     for c in file.coupling:
         ET.SubElement(equality, "joint", joint1=c.joint, joint2=c.of, polycoef=f"0 {c.ratio!r} 0 0 0")  # type: ignore[arg-type]
 
@@ -232,9 +232,9 @@ def _add_servos(file: HandFile, root: ET.Element, model: _Model, joints: Sequenc
     new = {model.joints[j]: k for j, k in wanted.items() if k is not None}
     if not new:
         return False
-    actuators = mjcf.section(root, "actuator")
+    actuators = mjcf_tree.section(root, "actuator")
     for section in root.iter("actuator"):
-        mjcf.remove(section, [a for a in section if a.get("joint") in new])
+        mjcf_tree.remove(section, [a for a in section if a.get("joint") in new])
     for joint, stiffness in new.items():
         ET.SubElement(actuators, "position", joint=joint, kp=repr(float(stiffness)))
     return True
@@ -255,20 +255,20 @@ class _Reader:
     def read(self) -> Understood:
         file = read_hand_file(self.path)
         source = model_path(file, self.path)
-        root = mjcf.read_mjcf(source)
+        root = mjcf_tree.read_mjcf(source)
         _name_joints(root)
         _tell(file, root, self.path)
-        model = _Model(mjcf.text_of(root), source)
+        model = _Model(mjcf_tree.text_of(root), source)
         palm = _palm_of(model, file, self.path, set())
         above = [model.joints[j] for b in model.ancestors(palm) for j in model.joints_of(b)]
-        mjcf.remove_joints(root, set(above))
+        mjcf_tree.remove_joints(root, set(above))
         self._remove_others(root, model)
-        model = _Model(mjcf.text_of(root), source)
+        model = _Model(mjcf_tree.text_of(root), source)
         palm = model.body(model.bodies[palm], "palm") if file.palm is None else model.body(file.palm, "palm")
         chains = _chains(model, palm, self.path, set())
         joints = [[j for b in chain for j in model.joints_of(b)] for chain in chains]
         if _add_servos(file, root, model, [j for js in joints for j in js]):
-            model = _Model(mjcf.text_of(root), source)
+            model = _Model(mjcf_tree.text_of(root), source)
         self._refuse_outside(model, palm, joints)
         hand, tips = self._hand(file, model, palm, chains, joints)
         postures = self._postures(file, hand)
@@ -281,7 +281,7 @@ class _Reader:
         """Take objects beside the hand (a tool, a table on a free joint) out of the model."""
         free = {model.bodies[b] for b in range(1, len(model.bodies)) if model.free_tree[b]}
         tops = [e for world in root.iter("worldbody") for e in world if e.tag == "body" and e.get("name") in free]
-        mjcf.remove(root, tops)
+        mjcf_tree.remove(root, tops)
         for key in list(root.findall("keyframe")):
             root.remove(key)
 

@@ -10,7 +10,7 @@ import pytest
 
 from aminn_base.errors import AminnError
 from aminn_hand import Hand
-from aminn_sim import mjcf
+from aminn_sim import mjcf_tree
 from aminn_sim._core import Engine
 from aminn_sim.hand_file import default_hand_file
 from aminn_sim.understand import Understood, understand
@@ -26,7 +26,7 @@ def understood(request: pytest.FixtureRequest) -> Understood:
 
 def test_jacobian_is_the_engines(understood: Understood) -> None:
     """Each column z x (point - anchor) against the engine's own, at random angles, point held by the tip."""
-    hand, engine = understood.hand, Engine(mjcf.text_of(understood.root))
+    hand, engine = understood.hand, Engine(mjcf_tree.text_of(understood.root))
     names = engine.names("joint")
     numbers = [names.index(j) for j in hand.joints]
     address, dof = engine.model("jnt_qposadr")[numbers], engine.model("jnt_dofadr")[numbers]

@@ -102,7 +102,7 @@ def test_data_of_another_version_are_refused(data_folder: Path, tmp_path: Path) 
 
 def test_missing_renderer_is_named(monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "mujoco.osmesa", None)
-    with pytest.raises(SimulationError, match="apt-get install libosmesa6"), offscreen():
+    with pytest.raises(SimulationError, match=r"no off-screen OpenGL by OSMesa .*libosmesa6"), offscreen():
         pass
 
 
