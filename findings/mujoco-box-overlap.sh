@@ -1,7 +1,11 @@
 #!/usr/bin/env bash
 # MuJoCo up to 3.3: every contact of two boxes has half of the true overlap; a box on a plane has all of it, and so have two
 # boxes in 4.0. Exits with 1 if that changes.
-source "$(dirname "$0")/lib.sh"
+#
+# Output seen:
+#   mujoco 3.3.7: 100 um of overlap; box on box [50.0, 50.0, 50.0, 50.0], box on plane [100.0, 100.0, 100.0, 100.0]
+#   mujoco 4.0.0: 100 um of overlap; box on box [100.0, 100.0, 100.0, 100.0], box on plane [100.0, 100.0, 100.0, 100.0]
+source "$(dirname "$0")/lib.bash"
 cat >"$work/boxes.py" <<'PY'
 import sys
 

@@ -1,7 +1,11 @@
 #!/usr/bin/env bash
 # MuJoCo up to 3.2: the overlap of a sphere with an ellipsoid is off by up to 53 % at a depth of 100 um (sizes of a handle and a
 # fingertip); from 3.3 on by less than 1e-6. Exits with 1 if that changes.
-source "$(dirname "$0")/lib.sh"
+#
+# Output seen:
+#   mujoco 3.2.7: overlap off by 5.6e-03 (median), 5.3e-01 (largest)
+#   mujoco 3.3.7: overlap off by 1.7e-07 (median), 5.0e-07 (largest)
+source "$(dirname "$0")/lib.bash"
 cat >"$work/ellipsoid.py" <<'PY'
 import sys
 

@@ -1,7 +1,12 @@
 #!/usr/bin/env bash
 # MuJoCo 4.0.0: pairs of convex geoms have several contacts by default. A cylinder on a box has one in 3.3; in 4.0 it has two
 # where it lies and four where it stands, and one again with the flag multiccd disabled. Exits with 1 if that changes.
-source "$(dirname "$0")/lib.sh"
+#
+# Output seen:
+#   mujoco 3.3.7: contacts of a cylinder on a box, lying and standing: [1, 1]
+#   mujoco 4.0.0: contacts of a cylinder on a box, lying and standing: [2, 4]
+#     with <flag multiccd="disable"/>: [1, 1]
+source "$(dirname "$0")/lib.bash"
 cat >"$work/cylinder.py" <<'PY'
 import sys
 

@@ -1,7 +1,18 @@
 #!/usr/bin/env bash
 # ONNX Runtime 1.31.1: the same row gives other bits alone than in a batch, by a batched MatMul and by Log, Sin and Cos, whose
 # result depends on the place in the tensor. A 2-D MatMul by constants, Exp, Tanh and Sqrt do not. Exits with 1 if that changes.
-source "$(dirname "$0")/lib.sh"
+#
+# Output seen:
+#   onnxruntime 1.31.1: rows of 64 with other bits alone than in a batch
+#     MatMul, 2-D      0
+#     MatMul, batched  64
+#     Log              10
+#     Sin              7
+#     Cos              7
+#     Exp              0
+#     Tanh             0
+#     Sqrt             0
+source "$(dirname "$0")/lib.bash"
 in_environment onnxruntime==1.31.1 onnx==1.23.2 numpy==2.4.6 <<'PY'
 import sys
 

@@ -1,7 +1,10 @@
 #!/usr/bin/env bash
 # ONNX Runtime 1.31.1: Tanh of float32 is above 1, by 1 or 2 units in the last place, for one input in 16 between 8.13 and 9.
 # Exits with 1 if that changes.
-source "$(dirname "$0")/lib.sh"
+#
+# Output seen:
+#   onnxruntime 1.31.1: 6.30% of all float32 in [8.13, 9) above 1, by 2 places
+source "$(dirname "$0")/lib.bash"
 in_environment onnxruntime==1.31.1 onnx==1.23.2 numpy==2.4.6 <<'PY'
 import sys
 

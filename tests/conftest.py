@@ -23,4 +23,4 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     """Write the report where AMINN_TRUST_REPORT names a file."""
     figures, report = session.config.stash.get(_trust, {}), os.environ.get("AMINN_TRUST_REPORT")
     if figures and report:
-        write_json(Path(report), figures)
+        write_json(Path(report), {"aims_missed": ""} | figures)
