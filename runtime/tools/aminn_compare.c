@@ -34,14 +34,18 @@ typedef struct request {
     int exact, on_demand, n_results;
 } request_t;
 
+static void print_usage(FILE *file)
+{
+    fputs("usage: aminn_compare [OPTIONS] [--exact] MODEL.bin VECTORS.bin RESULTS.bin\n"
+          "       aminn_compare [OPTIONS] WANT_RESULTS.bin GOT_RESULTS.bin\n"
+          "options: --json FILE, --junit FILE, --show N, --on-demand\n",
+          file);
+}
+
 static void usage(const char *why)
 {
-    fprintf(stderr,
-            "%s: %s\n"
-            "usage: aminn_compare [OPTIONS] [--exact] MODEL.bin VECTORS.bin RESULTS.bin\n"
-            "       aminn_compare [OPTIONS] WANT_RESULTS.bin GOT_RESULTS.bin\n"
-            "options: --json FILE, --junit FILE, --show N, --on-demand\n",
-            program_name, why);
+    fprintf(stderr, "%s: %s\n", program_name, why);
+    print_usage(stderr);
     exit(EXIT_USAGE);
 }
 
@@ -85,6 +89,9 @@ static request_t parse(int argc, char **argv)
             if (end == value || *end != '\0' || *value == '-') {
                 usage("--show takes a number");
             }
+        } else if (strcmp(word, "--help") == 0) {
+            print_usage(stdout);
+            exit(0);
         } else if (word[0] == '-' && word[1] == '-') {
             usage("unknown option, or its value is missing");
         } else {

@@ -108,6 +108,10 @@ int main(int argc, char **argv)
     uint32_t refused;
     double start_s, spent_s;
     FILE *says;
+    if (argc == 2 && strcmp(argv[1], "--help") == 0) {
+        printf("usage: %s %s\n", argv[0], usage);
+        return 0;
+    }
     if (argc != first + 2) {
         fprintf(stderr, "usage: %s %s\n", argv[0], usage);
         return 2;

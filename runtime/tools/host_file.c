@@ -3,6 +3,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
+#include <signal.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -225,6 +226,7 @@ FILE *create_output(const char *path)
 {
     struct stat target, printed;
     int descriptor, exists;
+    signal(SIGXFSZ, SIG_IGN); /* a limit on the size of files ends as a full disk does, with a message */
     output_name = path;
     if (strlen(path) >= sizeof output_target) {
         cannot_write(ENAMETOOLONG);

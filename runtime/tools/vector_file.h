@@ -118,7 +118,7 @@ static inline const char *result_header_error(const vector_header_t *h, uint64_t
     if (h->magic != RESULT_MAGIC) {
         return "not a result file (wrong magic): the replay did not finish";
     }
-    if (h->version != VECTOR_VERSION || h->n_in != 0 || h->n_out != RESULT_N_OUT || h->has_f64 != 0) {
+    if (h->version != VECTOR_VERSION || h->n_in != 0 || h->n_out != RESULT_N_OUT || h->has_f64 != 0 || h->model != 0) {
         return "a result file of another version; replay again";
     }
     if ((uint64_t)h->n * (RESULT_N_OUT + 1u) * 4u != payload) {

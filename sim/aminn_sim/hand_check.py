@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
 from aminn_hand.hand import Hand
 
@@ -97,6 +98,8 @@ def check(
     pinch_N: mean force of a contact, N, at which the hand will be used. Raises AminnError for what cannot be described
     or held; `Check.problem` says whether the description tells the hand.
     """
+    if not 0 < pinch_N < float("inf"):
+        raise AminnError(f"pinch is {pinch_N} N, expected a finite number above 0")
     understood = understand(path)
     echo(f"{understood.hand.name}: palm {understood.palm}, {_counts(understood.hand)}")
     for line in columns(table(understood)):

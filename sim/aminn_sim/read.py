@@ -13,12 +13,30 @@ from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError, InUseError
 from aminn_base.lock import read_shared
-from aminn_base.read import AnyPath, read_json
+from aminn_base.read import AnyPath, read_json, require
 
 from .errors import SimulationError
 from .schema import GROUPS
 
 Array = NDArray[np.float64]
+MANIFEST_KEYS: dict[str, type] = {
+    "bounds": dict,
+    "config": dict,
+    "config_sha256": str,
+    "fields": dict,
+    "hand": dict,
+    "n_grasps": int,
+    "n_samples": int,
+    "protocol_version": int,
+    "reasons": list,
+    "rejection_reasons": list,
+    "rejections": dict,
+    "seed": int,
+    "shards": list,
+    "simulator": str,
+    "tool_families": list,
+}
+"""What figures and pages read of a manifest."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +66,7 @@ def read_data(folder: AnyPath) -> SimulatedData:
     folder = Path(folder)
     try:
         manifest = read_json(folder / "manifest.json", "the manifest of a data set")
+        require(folder / "manifest.json", manifest, MANIFEST_KEYS, "simulate the data set again")
         groups: dict[str, list[dict[str, Array]]] = {group: [] for group in GROUPS}
         before = 0
         for shard in manifest["shards"]:

@@ -98,6 +98,7 @@ CLASHES = (
     *("main", "printf", "errno", "int32_t", "hand_t", "NULL", "NAN", "stdin", "std", "sinf", "read", "time", "PRId32"),
     *("left__hand", "left_", "HAND", "limits", "Math", "stdio", "string", "pthread_hand"),
     *("aminn", "AMINN", "aminn_predict", "AMINN_OK", "aminn_model_t", "Aminn_rt", "aminn_debug", "golden", "Golden"),
+    *("nul", "Con", "COM1"),
 )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import resource
 import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -104,3 +105,18 @@ def test_verify_and_compare_do_not_overwrite_their_inputs(
         result = CliRunner().invoke(main, words)
         assert result.exit_code != 0 and "choose another name" in result.output, result.output
     assert contents(out) | contents(data) == before
+
+
+def test_replay_without_room_says_so_and_leaves_nothing(build_dir: Path, tmp_path: Path) -> None:
+    """A limit on the size of files, as a quota sets it: by default it ends a process by a signal."""
+    program = next(build_dir.rglob("aminn_replay"))
+    golden = Path(__file__).resolve().parents[1] / "golden"
+    out = tmp_path / "out.bin"
+    done = subprocess.run(
+        [program, golden / "aminn_model.bin", golden / "golden.bin", out],
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (8192, 8192)),
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode > 0 and str(out) in done.stderr and "File too large" in done.stderr, done
+    assert list(tmp_path.iterdir()) == []

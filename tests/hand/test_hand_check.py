@@ -150,9 +150,12 @@ SHEET_WITH = (
     .replace("{CLOSED}", write.__globals__["CLOSED"])
 )
 SHEETS = {
+    'name = "x"\nmodel = "hand.xml"\nstiffness = 3\n': ("stiffness", "a table"),
+    'name = "x"\nmodel = "hand.xml"\nlocked = "finger1_roll"\n': ("locked", "a list"),
+    'name = 3\nmodel = "hand.xml"\n': ("name", "a text"),
     'model = "hand.xml"\n': ("name", "required"),
-    'name = "x"\nmodel = "hands.xml"\n': ("hands.xml", "not there"),
-    'name = "x"\nmodel = "package:no_such_package/hand.xml"\n': ("no_such_package", "not installed"),
+    'name = "x"\nmodel = "hands.xml"\n': ("hands.xml", "no file"),
+    'name = "x"\nmodel = "package:no_such_package/hand.xml"\n': ("no_such_package", "no installed"),
     'name = "x"\nmodel = "hand.xml"\npalms = "palm"\n': ("palms", "did you mean palm"),
     'name = "x"\nmodel = "hand.xml"\npalm = "hand"\n': ("'hand'", "lacks", "palm"),
     'name = "x"\nmodel = "hand.xml"\nlocked = ["wrist"]\n': ("locked", "'wrist'"),
@@ -210,6 +213,12 @@ def test_command_prints_draws_and_reports(tmp_path: Path) -> None:
     ):
         assert words in result.output, result.output
     assert picture.read_bytes().startswith(b"\x89PNG") and '"accepted": true' in report.read_text()
+
+
+@pytest.mark.parametrize("pinch", ["nan", "inf", "-1"])
+def test_a_pinch_that_is_no_force_is_refused(pinch: str) -> None:
+    result = CliRunner().invoke(main, ["hand", "check", str(default_hand_file()), "--pinch", pinch])
+    assert result.exit_code in (1, 2) and "pinch" in result.output.lower(), result.output
 
 
 def test_a_pinch_too_heavy_for_the_servos_is_said(tmp_path: Path) -> None:

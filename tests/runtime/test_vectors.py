@@ -88,6 +88,9 @@ def test_results_are_read(tmp_path) -> None:
     assert results.outputs["gate"].shape == (2, 3)
     assert results.stable.tolist() == [True, False]
     assert results.status.tolist() == [0, -9]
+    (tmp_path / "r.bin").write_bytes(header[:-4] + b"\1\0\0\0" + payload)
+    with pytest.raises(AminnError, match="last word"):
+        read_results(tmp_path / "r.bin")
     (tmp_path / "r.bin").write_bytes(header + payload[:-4])
     with pytest.raises(AminnError, match="CRC-32"):
         read_results(tmp_path / "r.bin")

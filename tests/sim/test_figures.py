@@ -6,11 +6,13 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from aminn_sim import SimulationConfig, _core, simulate
+from aminn_sim.errors import SimulationError
 from aminn_sim.figures import speed_figures, synergy_figures
 from aminn_sim.hand_file import read_hand_file
-from aminn_sim.read import read_data
+from aminn_sim.read import MANIFEST_KEYS, read_data
 
 
 def test_synergy_round_trip(simulator: _core.Simulator, dataset_dir: Path) -> None:
@@ -38,3 +40,12 @@ def test_report_of_a_run(tmp_path: Path) -> None:
     (tmp_path / "reports" / "dataset.json").unlink()
     simulate(config, tmp_path / "data", progress=False, report=tmp_path / "reports" / "dataset.json")
     assert not (tmp_path / "reports" / "dataset.json").exists()  # nothing was left to do
+
+
+@pytest.mark.parametrize("key", MANIFEST_KEYS)
+def test_a_manifest_without_a_key_is_named(key: str, dataset_dir: Path, tmp_path: Path) -> None:
+    manifest = json.loads((dataset_dir / "manifest.json").read_text())
+    del manifest[key]
+    (tmp_path / "manifest.json").write_text(json.dumps(manifest))
+    with pytest.raises(SimulationError, match=f"manifest.json: {key} missing; simulate"):
+        read_data(tmp_path)

@@ -116,6 +116,7 @@ _PATTERNS = {
     r"(atomic|cnd|memory_order|mtx|posix|pthread|sched|sem|thrd|tss|va)_.*": "C and POSIX keep such names",
     r"(?i)aminn(_(?!model).*)?": "it may be a name of the runtime's or of another file of the export",
     r"(?i)aminn_model_(t|check|from_blob)": "it is a name of the runtime's",
+    r"(?i)con|prn|aux|nul|(com|lpt)[0-9]": "Windows keeps such names of files for devices",
     r"(?i)golden": "it is the file of the golden vectors",
 }
 

@@ -130,6 +130,8 @@ def _open(path: Path, magic: int, kind: str, n_in: int, n_out: int) -> tuple[byt
         raise AminnError(f"{path}: {file_in} inputs and {file_out} outputs a sample, expected {n_in} and {n_out}")
     if has_f64 > 1 or (has_f64 and magic == RESULT_MAGIC):
         raise AminnError(f"{path}: damaged: has_f64 is {has_f64}")
+    if model and magic == RESULT_MAGIC:
+        raise AminnError(f"{path}: damaged: the last word of its header is {model}, expected 0")
     if zlib.crc32(payload) != crc:
         raise AminnError(f"{path}: damaged: its CRC-32 does not match")
     return payload, n, bool(has_f64), model

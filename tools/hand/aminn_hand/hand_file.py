@@ -84,6 +84,18 @@ class HandFile(_Table):
     mirror: dict[str, Any] | None = None
 
 
+_KINDS = {
+    "model_type": "a table",
+    "model_attributes_type": "a table",
+    "dict_type": "a table",
+    "tuple_type": "a list",
+    "string_type": "a text",
+    "float_type": "a number",
+    "float_parsing": "a number",
+}
+"""What TOML calls what pydantic misses."""
+
+
 def _message(error: ValidationError) -> str:
     """The first complaint: which field, what is wrong with it, and the nearest name where the field is unknown."""
     first = error.errors()[0]
@@ -91,7 +103,8 @@ def _message(error: ValidationError) -> str:
     if first["type"] == "extra_forbidden":
         near = get_close_matches(str(first["loc"][-1]), HandFile.model_fields, 1)
         return f"{where} is not a field of a hand file" + (f"; did you mean {near[0]}?" if near else "")
-    return f"{where}: {first['msg'][0].lower()}{first['msg'][1:]}"
+    kind = _KINDS.get(first["type"])
+    return f"{where}: expected {kind}" if kind else f"{where}: {first['msg'][0].lower()}{first['msg'][1:]}"
 
 
 def read_hand_file(path: Path | str) -> HandFile:
@@ -120,10 +133,12 @@ def model_path(file: HandFile, path: Path | str) -> Path:
         except (ImportError, ValueError):
             found = None
         if found is None or not found.submodule_search_locations:
-            raise AminnError(f"{path}: model {file.model}: the Python package {package!r} is not installed")
+            raise AminnError(
+                f"{path}: model {file.model}: no installed Python package with files is called {package!r}"
+            )
         model = Path(next(iter(found.submodule_search_locations))) / inside
     else:
         model = Path(path).parent / file.model
     if not model.is_file():
-        raise AminnError(f"{path}: model names {model}, which is not there")
+        raise AminnError(f"{path}: model names {model}, which is no file")
     return model.resolve()
