@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError
-from aminn_hand.hand import Branch, Hand, rotation
+from aminn_hand.hand import Hand
 
 from . import _core, mjcf_tree
 from .preload import skew
@@ -275,16 +275,6 @@ def _centre(hand: Hand, points: list[Array], chosen: tuple[int, ...]) -> Array:
     return np.asarray(centre)
 
 
-def moved_point(branch: Branch, q: Array, point: Array) -> Array:
-    """Where a point (3), H, that the tip holds at q = 0 is at branch angles q."""
-    turn, origin = np.eye(3), np.zeros(3)
-    for angle, c in zip(q, branch.coordinates, strict=True):
-        axis, anchor = turn @ c.axis, origin + turn @ c.anchor_m
-        step = rotation(axis * angle)
-        origin, turn = anchor + step @ (origin - anchor), step @ turn
-    return origin + turn @ point
-
-
 def coupled(hand: Hand, q: Array) -> Array:
     """The nearest posture in which the couplings are at rest."""
     q = q.copy()
@@ -308,7 +298,7 @@ def _touch(bench: _Bench, q: Array, centre: Array, chosen: tuple[int, ...]) -> A
         for b in chosen:
             branch, at, found = hand.branches[b], hand.branch_joints[b], nearest[b]
             if found is None:  # too far for the engine to see: go towards the centre
-                point = moved_point(branch, q[at], np.array(branch.tip_point_m))
+                point = branch.moved(q[at], np.array(branch.tip_point_m))
                 way = centre - point
                 gap, normal = NEAR_M, way / max(float(np.linalg.norm(way)), 1e-9)
             else:
@@ -427,18 +417,6 @@ def _curvature(bench: _Bench, geom: int, point: Array) -> Array:
     return np.asarray(bench.palm_R.T @ world @ bench.palm_R)
 
 
-def _joint_axes(branch: Branch, q: Array, contact: Array) -> tuple[Array, Array]:
-    """Axes (C, 3) at branch angles q, and ways (C, 3) from each anchor to the contact."""
-    turn, origin, axes, ways = np.eye(3), np.zeros(3), [], []
-    for angle, c in zip(q, branch.coordinates, strict=True):
-        axis, anchor = turn @ c.axis, origin + turn @ c.anchor_m
-        axes.append(axis)
-        ways.append(contact - anchor)
-        step = rotation(axis * angle)
-        origin, turn = anchor + step @ (origin - anchor), step @ turn
-    return np.array(axes), np.array(ways)
-
-
 def statics(
     hand: Hand, q: Array, centre: Array, radius_m: float, contacts: dict[int, Contact], w_e: Array, preload: bool
 ) -> Array:
@@ -470,7 +448,8 @@ def statics(
             system[df, df] += contact.compliance_m_N * np.eye(3)
             continue
         system[df, df] += contact.compliance_m_N * np.outer(contact.normal, contact.normal) + TANGENT_M_N * np.eye(3)
-        axes, ways = _joint_axes(branch, q[at], contact.point)
+        axes, anchors, _, _ = branch.pose(q[at])
+        ways = contact.point - anchors
         tangent = np.eye(3) - np.outer(contact.normal, contact.normal)
         both = tangent @ (contact.curvature + tangent / radius_m) @ tangent
         roll = np.linalg.pinv(both, rcond=1e-9) @ skew(contact.normal)
@@ -520,9 +499,7 @@ def _grasp(
     for b, at in enumerate(hand.branch_joints):
         if b not in chosen:
             q[at] = coupled(hand, start)[at]  # out of the way
-    tips = [
-        moved_point(b, q[at], np.array(b.tip_point_m)) for b, at in zip(hand.branches, hand.branch_joints, strict=True)
-    ]
+    tips = [b.moved(q[at], np.array(b.tip_point_m)) for b, at in zip(hand.branches, hand.branch_joints, strict=True)]
     centre = _centre(hand, tips, chosen) + rng.uniform(-0.15, 0.15, 3) * bench.radius
     found = _touch(bench, q, centre, chosen)
     if found is None:
@@ -635,8 +612,6 @@ def _radius(understood: Understood, chosen: tuple[int, ...]) -> float:
     """Of a ball that fits between the chosen fingertips half way of closing, with room for their thickness."""
     hand = understood.hand
     q = coupled(hand, 0.5 * (understood.postures[0] + understood.postures[1]))
-    tips = [
-        moved_point(b, q[at], np.array(b.tip_point_m)) for b, at in zip(hand.branches, hand.branch_joints, strict=True)
-    ]
+    tips = [b.moved(q[at], np.array(b.tip_point_m)) for b, at in zip(hand.branches, hand.branch_joints, strict=True)]
     centre = _centre(hand, tips, chosen)
     return float(np.clip(0.75 * min(np.linalg.norm(tips[b] - centre) for b in chosen), 0.008, 0.05))

@@ -14,7 +14,7 @@ from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
 from aminn_hand.hand import Hand
 
-from .acceptance import Acceptance, accept, coupled, moved_point
+from .acceptance import Acceptance, accept, coupled
 from .understand import Understood, table, understand
 
 PRELOADED_LIMIT, FORMULA_LIMIT = 0.05, 0.12
@@ -150,13 +150,13 @@ def draw(understood: Understood, out: Path) -> None:
         for c, coordinate in enumerate(branch.coordinates):
             turned = np.where(np.arange(len(angles)) < c, angles, 0.0)
             anchor, end = (
-                moved_point(branch, turned, np.array(coordinate.anchor_m) + k * AXIS_M * np.array(coordinate.axis))
+                branch.moved(turned, np.array(coordinate.anchor_m) + k * AXIS_M * np.array(coordinate.axis))
                 for k in (0, 1)
             )
             stations.append(anchor)
             axes.quiver(*(1e3 * anchor), *(1e3 * (end - anchor)), color=colour, arrow_length_ratio=0.3, linewidth=1)
             axes.text(*(1e3 * end), f" {coordinate.joint}", fontsize=6, color=colour)
-        stations.append(moved_point(branch, angles, np.array(branch.tip_point_m)))
+        stations.append(branch.moved(angles, np.array(branch.tip_point_m)))
         line = 1e3 * np.array(stations)
         axes.plot(*line.T, color=colour, marker="o", markersize=3, linewidth=2, label=f"{branch.name} ({branch.group})")
         axes.plot(*line[-1:].T, color=colour, marker="*", markersize=9)

@@ -12,6 +12,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from aminn_hand.hand import rotation
+
 Array = NDArray[np.float64]
 EPS_M = 1e-6  # m/N, compliance of a sticking contact; any less gives the same
 
@@ -19,15 +21,6 @@ EPS_M = 1e-6  # m/N, compliance of a sticking contact; any less gives the same
 def skew(v: Array) -> Array:
     """[v]x."""
     return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
-
-
-def rotation(turn: Array) -> Array:
-    """Rotation matrix of a rotation vector."""
-    angle = float(np.linalg.norm(turn))
-    if angle == 0:
-        return np.eye(3)
-    k = skew(turn / angle)
-    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
 
 
 def joint_axes(hand: dict, b: int, q: Array, contact: Array) -> tuple[Array, Array]:

@@ -108,17 +108,29 @@ class Branch:
                 k = k + tendon.stiffness_N_m * np.outer(tendon.arm_m, tendon.arm_m)
         return k
 
-    def jacobian(self, q: Array, point: Array) -> Array:
-        """B_b (3, C), m/rad: velocity of a point (3), H, that the tip holds, at branch angles q (C)."""
-        turn, columns = np.eye(3), []
-        origin = np.zeros(3)  # of the frame that the coordinates so far have moved: x_H = origin + turn x_0
+    def pose(self, q: Array) -> tuple[Array, Array, Array, Array]:
+        """At branch angles q (C): axes (C, 3), anchors (C, 3) m, and the tip's motion from q = 0: R (3, 3), p (3).
+
+        A point x that the tip holds at q = 0 is at R x + p. All in H.
+        """
+        turn, origin, axes, anchors = np.eye(3), np.zeros(3), [], []
         for angle, coordinate in zip(q, self.coordinates, strict=True):
             axis, anchor = turn @ coordinate.axis, origin + turn @ coordinate.anchor_m
-            columns.append(np.cross(axis, point - anchor))
+            axes.append(axis)
+            anchors.append(anchor)
             step = rotation(axis * angle)
-            origin = anchor + step @ (origin - anchor)
-            turn = step @ turn
-        return np.stack(columns, 1)
+            origin, turn = anchor + step @ (origin - anchor), step @ turn
+        return np.array(axes), np.array(anchors), turn, origin
+
+    def jacobian(self, q: Array, point: Array) -> Array:
+        """B_b (3, C), m/rad: velocity of a point (3), H, that the tip holds, at branch angles q (C)."""
+        axes, anchors, _, _ = self.pose(q)
+        return np.cross(axes, point - anchors).T
+
+    def moved(self, q: Array, point: Array) -> Array:
+        """Where a point (3), H, that the tip holds at q = 0 is at branch angles q (C)."""
+        _, _, turn, origin = self.pose(q)
+        return np.asarray(origin + turn @ point)
 
 
 def rotation(turn: Array) -> Array:
