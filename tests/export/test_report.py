@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from synthetic import closure, draw_inputs, hand
 
-from aminn.grasp_picture import GraspPicture, branch_points, draw_grasp, magnification, rotation_matrix, tool_faces
+from aminn.grasp_picture import GraspPicture, branch_points, draw_grasp, magnification, tool_faces
 from aminn.metrics import operating_curve, reliability
 from aminn.report import (
     ReportInputs,
@@ -22,6 +22,7 @@ from aminn.report import (
     write_report,
 )
 from aminn_base.errors import AminnError
+from aminn_hand.hand import rotation
 
 RNG = np.random.default_rng(0)
 ALONG_X = [0.5**0.5, 0, 0.5**0.5, 0]
@@ -132,9 +133,9 @@ def test_forward_kinematics_agree_with_the_closure() -> None:
 
 
 def test_rotation_matrix_turns_about_its_vector() -> None:
-    turn = rotation_matrix(np.array([0, 0, np.pi / 2]))
+    turn = rotation(np.array([0, 0, np.pi / 2]))
     np.testing.assert_allclose(turn @ [1, 0, 0], [0, 1, 0], atol=1e-12)
-    np.testing.assert_array_equal(rotation_matrix(np.zeros(3)), np.eye(3))
+    np.testing.assert_array_equal(rotation(np.zeros(3)), np.eye(3))
 
 
 def test_the_page_lists_the_other_reports_of_its_folder(tmp_path: Path) -> None:

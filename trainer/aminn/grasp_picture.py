@@ -15,6 +15,8 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from mpl_toolkits.mplot3d.proj3d import proj_transform
 from numpy.typing import NDArray
 
+from aminn_hand.hand import rotation
+
 Array = NDArray[np.float64]
 
 BRANCH_COLOURS = ("#1f5fa8", "#3a8f5c", "#8a5aa6")
@@ -59,21 +61,11 @@ class GraspPicture:
     """Predicted displacement (6), for the caption."""
 
 
-def rotation_matrix(rotvec: Array) -> Array:
-    """Rotation matrix (3, 3) of a rotation vector (3)."""
-    angle = float(np.linalg.norm(rotvec))
-    if angle == 0:
-        return np.eye(3)
-    x, y, z = rotvec / angle
-    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + math.sin(angle) * k + (1 - math.cos(angle)) * k @ k
-
-
 def branch_points(hand: Mapping, branch: int, q: Array) -> Array:
     """Base, distal joint and centre of the fingertip of a branch (3, 3), m, by forward kinematics."""
     joints = hand["branch_joints"][branch]
     axes = np.asarray(hand["axis"][branch], float)
-    turns = [rotation_matrix(axes[k] * q[j]) if j >= 0 else np.eye(3) for k, j in enumerate(joints)]
+    turns = [rotation(axes[k] * q[j]) if j >= 0 else np.eye(3) for k, j in enumerate(joints)]
     base = np.asarray(hand["base_m"][branch], float)
     upper, lower = turns[0] @ turns[1], turns[0] @ turns[1] @ turns[2]
     knuckle = base + upper @ np.asarray(hand["link_a_m"][branch], float)
@@ -158,13 +150,13 @@ def _draw_solid(ax: Axes3D, faces: Sequence[Array], colour: str, alpha: float = 
 
 
 def _placed(faces: Sequence[Array], pose: Array) -> list[Array]:
-    turn = rotation_matrix(pose[3:])
+    turn = rotation(pose[3:])
     return [face @ turn.T + pose[:3] for face in faces]
 
 
 def _moved(pose: Array, dx: Array) -> Array:
     """Pose (6) after a displacement; the rotation stays a matrix product, so it is exact for any size."""
-    turn = rotation_matrix(dx[3:]) @ rotation_matrix(pose[3:])
+    turn = rotation(dx[3:]) @ rotation(pose[3:])
     return np.concatenate([pose[:3] + dx[:3], _rotation_vector(turn)])
 
 
@@ -242,7 +234,7 @@ def _draw_moment(ax: Axes3D, moment: Array, origin: Array) -> None:
 def _draw_force(ax: Axes3D, force: Array, tool_size_m: Array, pose: Array) -> None:
     """An arrow that leaves the tool where the force's line through the tool's origin does."""
     size = float(np.linalg.norm(force))
-    along = rotation_matrix(pose[3:]).T @ force / size
+    along = rotation(pose[3:]).T @ force / size
     depth = float((np.asarray(tool_size_m) / np.maximum(np.abs(along), 1e-9)).min())
     start, vector = 1e3 * (pose[:3] + (depth + 0.002) * force / size), 1e3 * ARROW_M * force / size
     ax.quiver(*start, *vector, color=LOAD_COLOUR, linewidth=2.2, arrow_length_ratio=0.3)
