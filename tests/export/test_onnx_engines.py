@@ -40,7 +40,7 @@ def vectors() -> Vectors:
 def test_engine_repeats_float64(engine: str, rows: int, vectors: Vectors, trust: dict) -> None:
     """One sample a call, and all in a batch."""
     if engine == "openvino":
-        pytest.importorskip("openvino")
+        pytest.importorskip("openvino", reason="optional: pip install openvino, as docs/compatibility.md has it")
     inputs = {name: vectors.inputs[name] for name in INPUT_SHAPES}
     run = load_engine(engine, GOLDEN / "aminn.onnx")
     parts = [run({name: v[i : i + rows] for name, v in inputs.items()}) for i in range(0, 200, rows)]

@@ -89,7 +89,7 @@ def run(code: str, **environment: str) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize("name", ["MUJOCO_GL", "PYOPENGL_PLATFORM"])
 @pytest.mark.parametrize("value", ["egl", "glfw", "banana", ""])
 def test_pictures_do_not_depend_on_what_the_environment_wants_of_opengl(name: str, value: str) -> None:
-    pytest.importorskip("mujoco")
+    pytest.importorskip("mujoco", reason="the extra mujoco is not installed: pip install aminn[mujoco]")
     result = run(
         "from aminn_sim.gallery import offscreen\nwith offscreen() as s: print(s.mujoco.__name__)", **{name: value}
     )
