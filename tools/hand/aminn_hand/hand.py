@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -16,6 +17,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
 
 from aminn_base.errors import AminnError
 
@@ -27,6 +29,8 @@ MAX_COORDINATES = 5
 N_WRENCH = 6
 N_CONTACT_FEATURE = 8
 """In contact, position (3), normal (3), normal force."""
+N_GATE = 3
+"""alpha (1/rad), beta (rad), rho."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,8 @@ class Coordinate:
     """Of the joint itself."""
     servo_Nm_rad: float
     """Position gain of its actuator, or of what the hand file states; 0 where none holds it."""
+    reference_rad: float = 0.0
+    """Where its spring is relaxed."""
 
     @property
     def stiffness_Nm_rad(self) -> float:
@@ -91,6 +97,8 @@ class Branch:
     """(3) pad point of the tip, H, at q = 0."""
     eps_m: float
     """Nominal compliance of its contact, m/N."""
+    tip_radius_m: float = 0.0
+    """Of a round tip; 0 for another shape."""
 
     @property
     def gated_tendon(self) -> int | None:
@@ -145,14 +153,69 @@ def rotation(turn: Array) -> Array:
 
 @dataclass(frozen=True)
 class Dims:
-    """Every count that follows from a hand. B branches, C coordinates (of the longest branch), J joints, T tendons."""
+    """Every count that follows from a hand.
+
+    B branches, C coordinates (of the longest branch), J joints, T tendons, G branches with a gated tendon.
+    A shorter branch lacks the coordinates next to the palm: its own are the last columns.
+    """
 
     branches: int
     coordinates: int
     joints: int
     tendons: int
+    gates: int
 
-    @cached_property
+    @property
+    def state(self) -> int:
+        """Numbers of q, x_ht, w_e, contacts."""
+        return self.joints + 2 * N_WRENCH + self.branches * N_CONTACT_FEATURE
+
+    @property
+    def input(self) -> int:
+        """Numbers of all inputs of a model."""
+        return sum(math.prod(shape) for shape in self.inputs.values())
+
+    @property
+    def output(self) -> int:
+        """Numbers of all outputs of a model."""
+        return sum(math.prod(shape) for shape in self.outputs.values())
+
+    @property
+    def branch_feature(self) -> int:
+        """What the contact network sees of a branch: its contact row and its block of j_q."""
+        return N_CONTACT_FEATURE + 3 * self.coordinates
+
+    @property
+    def contact_input(self) -> int:
+        """Of all branches."""
+        return self.branches * self.branch_feature
+
+    @property
+    def global_input(self) -> int:
+        """q, x_ht, w_e, w_e in signed logarithm."""
+        return self.joints + 3 * N_WRENCH
+
+    @property
+    def cholesky(self) -> int:
+        """Numbers of a branch's packed Cholesky factor."""
+        return self.coordinates * (self.coordinates + 1) // 2
+
+    @property
+    def branch_head(self) -> int:
+        """Corrections that the mechanics head gives for a branch: Cholesky factor; direction, gain, gate if any."""
+        return self.cholesky + (self.coordinates + 1 + N_GATE if self.gates else 0)
+
+    @property
+    def head(self) -> int:
+        """Of all branches."""
+        return self.branches * self.branch_head
+
+    @property
+    def aux(self) -> int:
+        """What stage 1's classifier sees of the statics: motion, diagonal of K_x; gates if any."""
+        return 2 * N_WRENCH + (self.branches if self.gates else 0)
+
+    @property
     def inputs(self) -> dict[str, tuple[int, ...]]:
         """Shape of each input of a model, without the batch."""
         b, c = self.branches, self.coordinates
@@ -165,10 +228,62 @@ class Dims:
             "j_q": (b, 3, c),
         }
 
-    @cached_property
+    @property
     def outputs(self) -> dict[str, tuple[int, ...]]:
-        """Shape of each output of a model, without the batch."""
+        """Shape of each output of a model, without the batch. Without tendons `gate` is 0."""
         return {"p_stable": (), "dx_ht": (N_WRENCH,), "k_x": (N_WRENCH, N_WRENCH), "gate": (self.branches,)}
+
+    @property
+    def debug(self) -> dict[str, tuple[int, ...]]:
+        """Shape of each intermediate value of a stage, without the batch. Without tendons those of tendons are 0."""
+        b, c = self.branches, self.coordinates
+        return {
+            "k_spring": (b, c, c),
+            "tendon_dir": (b, c),
+            "tendon_gain": (b,),
+            "gate_params": (b, N_GATE),
+            "dx0": (N_WRENCH,),
+            "dq0": (b, c),
+            "dx": (N_WRENCH,),
+            "k_x": (N_WRENCH, N_WRENCH),
+            "gate": (b,),
+        }
+
+
+@dataclass(frozen=True)
+class Mirror:
+    """A plane through H's origin that carries the hand onto itself."""
+
+    normal: Vector
+    """(3) unit, H."""
+    branches: tuple[int, ...]
+    """(B) branch that each branch is the image of."""
+
+
+@dataclass(frozen=True)
+class Synergy:
+    """Synergy space psi = ((q - neutral) A) * delta that postures are drawn from; S axes, 1 to 3."""
+
+    axes: tuple[str, ...]
+    """(S) names."""
+    neutral_rad: Vector
+    """(J)"""
+    columns: tuple[Vector, ...]
+    """(S, J) columns of A, orthogonal to each other."""
+    delta: Vector
+    """(S) 1/rad."""
+    ranges: tuple[Vector, ...]
+    """(S, 2) of psi that is sampled."""
+
+
+@dataclass(frozen=True)
+class ContactModel:
+    """What a fingertip passes on to the tool."""
+
+    kind: str = "point"
+    """`point`: a force. `soft_finger`: and a moment about the normal."""
+    torsional_friction_m: float = 0.0
+    """Greatest moment of a soft finger over its normal force."""
 
 
 @dataclass(frozen=True)
@@ -179,6 +294,14 @@ class Hand:
     branches: tuple[Branch, ...]
     palm_normal: Vector
     """(3) unit, H: which way the palm faces."""
+    tool_axis: Vector = (1.0, 0.0, 0.0)
+    """(3) unit, H: along which the long axis of a tool lies, but for what the pinch turns it by."""
+    length_m: float = 0.1
+    """Characteristic length: what a rotation of 1 rad counts as, in the 6x6 solve and in every pose error."""
+    contact: ContactModel = ContactModel()
+    synergy: Synergy | None = None
+    mirror: Mirror | None = None
+    """None where the hand is not its own mirror image."""
 
     def __post_init__(self) -> None:
         """Raises AminnError for what the method cannot hold."""
@@ -219,7 +342,19 @@ class Hand:
             max(len(b.coordinates) for b in self.branches),
             len(self.joints),
             sum(len(b.tendons) for b in self.branches),
+            sum(b.gated_tendon is not None for b in self.branches),
         )
+
+    @cached_property
+    def coordinate_joints(self) -> tuple[tuple[int, ...], ...]:
+        """(B, C) index into q of each coordinate; -1 where a branch lacks it, which is next to the palm."""
+        c = self.dims.coordinates
+        return tuple((-1,) * (c - s.stop + s.start) + tuple(range(s.start, s.stop)) for s in self.branch_joints)
+
+    @cached_property
+    def coordinate_mask(self) -> Array:
+        """(B, C) 1 where a branch has the coordinate, else 0."""
+        return (np.array(self.coordinate_joints) >= 0).astype(float)
 
     def as_dict(self) -> dict[str, Any]:
         """What JSON can hold; `from_dict` reads it back without loss."""
@@ -234,26 +369,11 @@ class Hand:
     def from_dict(value: Mapping[str, Any]) -> Hand:
         """Read what `as_dict` gave. Raises AminnError that names what is missing."""
         try:
-            return Hand(
-                str(value["name"]),
-                tuple(
-                    Branch(
-                        **{
-                            k: v
-                            for k, v in b.items()
-                            if k not in ("coordinates", "tendons", "couplings", "tip_point_m")
-                        },
-                        coordinates=tuple(
-                            Coordinate(**{**c, "axis": tuple(c["axis"]), "anchor_m": tuple(c["anchor_m"])})
-                            for c in b["coordinates"]
-                        ),
-                        tendons=tuple(Tendon(**{**t, "arm_m": tuple(t["arm_m"])}) for t in b["tendons"]),
-                        couplings=tuple(Coupling(**{**s, "ratio": tuple(s["ratio"])}) for s in b["couplings"]),
-                        tip_point_m=tuple(b["tip_point_m"]),
-                    )
-                    for b in value["branches"]
-                ),
-                tuple(value["palm_normal"]),
-            )
-        except (KeyError, TypeError, AttributeError) as error:
-            raise AminnError(f"not the description of a hand: {error}") from error
+            return _HAND.validate_python(value)
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(map(str, first["loc"]))
+            raise AminnError(f"not the description of a hand: {where}: {first['msg']}") from error
+
+
+_HAND = TypeAdapter(Hand)
