@@ -52,7 +52,7 @@ help: ## this list
 
 .PHONY: demo
 demo: setup-python setup-host setup-arm ## the whole path: simulate, train, compare, export, compile, replay; ends with the report page
-	@$(PYTHON) -m aminn.demo --build $(BUILD)
+	@$(PYTHON) -m aminn_app.demo --build $(BUILD)
 
 .PHONY: test
 test: setup-python setup-view setup-host-tests setup-arm $(STAMPS)/apt-fuzz ## lint, C tests, Python tests, and the golden vectors on the emulated Cortex-M7
@@ -82,16 +82,16 @@ paper: setup-python ## AMINN beside the MLP on build/dataset, all seeds (SEEDS=)
 ablation: setup-python ## choices of model and training, on validation grasps of build/dataset, all seeds (SEEDS=)
 paper ablation:
 	@[ -f $(BUILD)/dataset/manifest.json ] || $(MAKE) --no-print-directory dataset
-	@$(PYTHON) -m aminn.study $@ --data $(BUILD)/dataset --build $(BUILD) --seeds $(SEEDS) --jobs $(JOBS)
+	@$(PYTHON) -m aminn_app.study $@ --data $(BUILD)/dataset --build $(BUILD) --seeds $(SEEDS) --jobs $(JOBS)
 
 .PHONY: tables
 tables: setup-python ## the tables of README and docs anew from build/reports (paper.json, ablation.json)
-	@$(PYTHON) -m aminn.paper_table --reports $(REPORTS) README.md docs/evaluation.md
+	@$(PYTHON) -m aminn_app.paper_table --reports $(REPORTS) README.md docs/evaluation.md
 
 .PHONY: step
 step: setup-python ## time of a training step, AMINN beside the MLP, on build/dataset
 	@[ -f $(BUILD)/dataset/manifest.json ] || $(MAKE) --no-print-directory dataset
-	@$(PYTHON) -m aminn.step_bench --data $(BUILD)/dataset --json $(REPORTS)/step.json
+	@$(PYTHON) -m aminn_app.step_bench --data $(BUILD)/dataset --json $(REPORTS)/step.json
 
 .PHONY: resume
 resume: setup-python ## training killed at random steps (20 times a model), resumed, and compared with an undisturbed run
@@ -105,13 +105,13 @@ golden: demo ## all of tests/golden anew: the demo's model, and the small models
 
 .PHONY: bench
 bench: setup-python setup-host $(STAMPS)/apt-bench ## time of one prediction beside its own matrix products and ONNX Runtime
-	@$(PYTHON) -m aminn_export.bench --model tests/golden --build $(HOST) --json $(REPORTS)/bench.json
+	@$(PYTHON) -m aminn_export.judge.bench --model tests/golden --build $(HOST) --json $(REPORTS)/bench.json
 
 .PHONY: fidelity
 fidelity: setup-python setup-host setup-arm $(STAMPS)/apt-cross $(STAMPS)/apt-fuzz ## errors to float64 beside ONNX Runtime's; the bits of 18 targets
 	@[ -f $(BUILD)/fidelity/data/manifest.json ] || $(VENV)/bin/aminn simulate --out $(BUILD)/fidelity/data \
 	  --grasps 1250 --cases 16 --seed 77 --threads $(THREADS)
-	@$(PYTHON) -m aminn_export.fidelity --model tests/golden --data $(BUILD)/fidelity/data --work $(BUILD)/fidelity \
+	@$(PYTHON) -m aminn_export.judge.fidelity --model tests/golden --data $(BUILD)/fidelity/data --work $(BUILD)/fidelity \
 	  --jobs $(JOBS) --json $(REPORTS)/fidelity.json
 	@echo "Report: $(REPORTS)/fidelity.json"
 

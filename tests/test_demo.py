@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def demo(build: Path) -> str:
-    command = [sys.executable, "-m", "aminn.demo", "--build", str(build), "--grasps", "72"]
+    command = [sys.executable, "-m", "aminn_app.demo", "--build", str(build), "--grasps", "72"]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout

@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 import pytest
 
-from aminn.cli import main
+from aminn_app.cli import main
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text()

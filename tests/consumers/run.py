@@ -19,10 +19,10 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from aminn.dims import INPUT_SHAPES, OUTPUT_SHAPES
+from aminn.hand.dims import INPUT_SHAPES, OUTPUT_SHAPES
 from aminn_base.files import write_json
-from aminn_export.vectors import Vectors, read_vectors
-from aminn_export.verify import scaled_norm
+from aminn_export.judge.verify import scaled_norm
+from aminn_export.samples.vectors import Vectors, read_vectors
 
 HERE = Path(__file__).resolve().parent
 BASELINE = "onnxruntime"

@@ -15,12 +15,12 @@ sys.path[:0] = [str(TESTS / "runtime"), str(TESTS / "trainer")]
 from runtime_models import RandomModel, random_model  # noqa: E402
 from synthetic import hand, write_dataset  # noqa: E402
 
-from aminn.checkpoint import save_checkpoint  # noqa: E402
-from aminn.config import TrainConfig  # noqa: E402
-from aminn.dataset import load_dataset  # noqa: E402
-from aminn.model import Aminn, ModelConfig  # noqa: E402
-from aminn.nominal import nominal_from_hand  # noqa: E402
-from aminn.train import identity_of  # noqa: E402
+from aminn.data.dataset import load_dataset  # noqa: E402
+from aminn.hand.nominal import nominal_from_hand  # noqa: E402
+from aminn.model.checkpoint import save_checkpoint  # noqa: E402
+from aminn.model.config import TrainConfig  # noqa: E402
+from aminn.model.network import Aminn, ModelConfig  # noqa: E402
+from aminn.training.train import identity_of  # noqa: E402
 from aminn_export.export import write_model_files  # noqa: E402
 
 

@@ -9,9 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from aminn_export import serial_protocol as protocol
-from aminn_export.serial_line import Line
-from aminn_export.serial_protocol import Identity, frame
+from aminn_export.replay import serial_protocol as protocol
+from aminn_export.replay.serial_line import Line
+from aminn_export.replay.serial_protocol import Identity, frame
 
 Disturb = Callable[[bytes], bytes]
 Arrivals = Callable[[bytes], list[tuple[float, bytes]]]

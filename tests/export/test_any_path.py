@@ -7,21 +7,21 @@ from pathlib import Path
 
 import pytest
 
-from aminn.checkpoint import load_checkpoint, save_checkpoint
-from aminn.config import TrainConfig, load_config
-from aminn.dataset import load_dataset, read_manifest
-from aminn.explain import draw, explain_sample
-from aminn.report import ReportInputs, read_reports, write_report
-from aminn.train import train
+from aminn.data.dataset import load_dataset, read_manifest
+from aminn.model.checkpoint import load_checkpoint, save_checkpoint
+from aminn.model.config import TrainConfig, load_config
+from aminn.pages.explain import draw, explain_sample
+from aminn.pages.report import ReportInputs, read_reports, write_report
+from aminn.training.train import train
 from aminn_base.files import write_json
 from aminn_base.read import AnyPath
-from aminn_export.bin_model import read_bin_model, write_bin_model
-from aminn_export.compare import compare_files
 from aminn_export.export import export
-from aminn_export.golden import single_thread_session
-from aminn_export.onnx_model import read_metadata
-from aminn_export.vectors import read_vectors, write_vectors
-from aminn_export.verify import load_samples, verify
+from aminn_export.files.bin_model import read_bin_model, write_bin_model
+from aminn_export.files.onnx_model import read_metadata
+from aminn_export.judge.compare import compare_files
+from aminn_export.judge.verify import load_samples, verify
+from aminn_export.samples.golden import single_thread_session
+from aminn_export.samples.vectors import read_vectors, write_vectors
 from aminn_sim import SimulationConfig, simulate
 from aminn_sim.card import data_card
 from aminn_sim.hand_file import default_hand_file, read_hand_file

@@ -10,9 +10,9 @@ import onnx
 import pytest
 from runtime_models import RandomModel, random_inputs
 
-from aminn_export.bench import ROWS, bench, describe_cpu, format_bench, parameters, plain_mlp
-from aminn_export.golden import run_onnx, single_thread_session
-from aminn_export.vectors import write_vectors
+from aminn_export.judge.bench import ROWS, bench, describe_cpu, format_bench, parameters, plain_mlp
+from aminn_export.samples.golden import run_onnx, single_thread_session
+from aminn_export.samples.vectors import write_vectors
 
 
 def test_the_mlp_has_as_many_parameters(exported: RandomModel) -> None:

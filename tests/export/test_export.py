@@ -13,16 +13,16 @@ import numpy as np
 import pytest
 from runtime_models import random_model
 
-from aminn.checkpoint import load_checkpoint
-from aminn.dataset import load_dataset, split_of
+from aminn.data.dataset import load_dataset, split_of
+from aminn.model.checkpoint import load_checkpoint
 from aminn_base.errors import AminnError
-from aminn_export.bin_model import read_bin_model
-from aminn_export.c_names import check_prefix
 from aminn_export.export import export
-from aminn_export.layout import tensor_order
-from aminn_export.onnx_model import read_metadata
-from aminn_export.vectors import read_vectors
-from aminn_export.weights import float16_model
+from aminn_export.files.bin_model import read_bin_model
+from aminn_export.files.c_names import check_prefix
+from aminn_export.files.layout import tensor_order
+from aminn_export.files.onnx_model import read_metadata
+from aminn_export.judge.weights import float16_model
+from aminn_export.samples.vectors import read_vectors
 
 FILES = {"aminn.onnx", "aminn_debug.onnx", "left.c", "left.h", "left.bin", "golden.bin"}
 
@@ -51,7 +51,7 @@ now = time.time
 time.time = lambda: now() + 7e7
 socket.gethostname = lambda: "elsewhere"
 sys.argv = sys.argv[1:]
-from aminn.cli import main
+from aminn_app.cli import main
 main()
 """
 OTHER_MACHINE = {
@@ -63,7 +63,7 @@ OTHER_MACHINE = {
 
 def test_another_machine_and_day_give_the_same_bytes(checkpoint_dir: Path, data_dir: Path, tmp_path: Path) -> None:
     words = ["export", "--run", str(checkpoint_dir), "--data", str(data_dir), "--prefix", "left"]
-    here = [sys.executable, "-m", "aminn.cli", *words, "--out", str(tmp_path / "here")]
+    here = [sys.executable, "-m", "aminn_app.cli", *words, "--out", str(tmp_path / "here")]
     there = [sys.executable, "-c", ELSEWHERE, "aminn", *words, "--out", str(tmp_path / "there")]
     other = tmp_path / "folder"
     other.mkdir()

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from runtime_models import RandomModel, closure, random_inputs
 
-from aminn.dims import INPUT_SHAPES, OUTPUT_SHAPES
+from aminn.hand.dims import INPUT_SHAPES, OUTPUT_SHAPES
 from aminn_base.errors import AminnError
-from aminn_export.adversarial import KINDS, adversarial_states
-from aminn_export.adversarial import closure as own_closure
-from aminn_export.fidelity import SquareRootReference, failures, missed
-from aminn_export.golden import run_onnx, single_thread_session
-from aminn_export.ranges import state_ranges, within_ranges
-from aminn_export.reference import Reference
-from aminn_export.targets import DISPATCHED, HOSTED, replay, replay_all
-from aminn_export.vectors import read_results, write_vectors
+from aminn_export.files.ranges import state_ranges, within_ranges
+from aminn_export.judge.fidelity import SquareRootReference, failures, missed
+from aminn_export.replay.targets import DISPATCHED, HOSTED, replay, replay_all
+from aminn_export.samples.adversarial import KINDS, adversarial_states
+from aminn_export.samples.adversarial import closure as own_closure
+from aminn_export.samples.golden import run_onnx, single_thread_session
+from aminn_export.samples.reference import Reference
+from aminn_export.samples.vectors import read_results, write_vectors
 
 
 def test_both_float64_forms_agree(exported: RandomModel) -> None:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from runtime_models import RandomModel
 
-from aminn.dataset import load_dataset
-from aminn_export.golden import spread, write_golden
-from aminn_export.reference import Reference
-from aminn_export.vectors import read_vectors
+from aminn.data.dataset import load_dataset
+from aminn_export.samples.golden import spread, write_golden
+from aminn_export.samples.reference import Reference
+from aminn_export.samples.vectors import read_vectors
 
 
 @pytest.mark.parametrize(("n_stable", "n_unstable", "wanted"), [(900, 100, 60), (5, 995, 60), (995, 5, 60), (9, 9, 60)])

@@ -13,16 +13,16 @@ import numpy as np
 import pytest
 from runtime_models import RandomModel
 
-from aminn.checkpoint import load_checkpoint
-from aminn.dataset import SPLITS, load_dataset, split_of
-from aminn.export_tables import export_tables
+from aminn.data.dataset import SPLITS, load_dataset, split_of
+from aminn.model.checkpoint import load_checkpoint
+from aminn.model.export_tables import export_tables
 from aminn_base.errors import AminnError
 from aminn_export import _runtime
-from aminn_export.bin_model import bin_model_bytes, read_bin_model
 from aminn_export.export import export
-from aminn_export.known_answer import BUILT_IN_STATE, answered, runtime
-from aminn_export.ranges import STATE_FIELDS
-from aminn_export.vectors import read_results, read_vectors
+from aminn_export.files.bin_model import bin_model_bytes, read_bin_model
+from aminn_export.files.known_answer import BUILT_IN_STATE, answered, runtime
+from aminn_export.files.ranges import STATE_FIELDS
+from aminn_export.samples.vectors import read_results, read_vectors
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
 

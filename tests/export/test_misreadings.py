@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from aminn.dataset import load_dataset
-from aminn_export.misreadings import MISREADINGS, Cost, costs
+from aminn.data.dataset import load_dataset
+from aminn_export.judge.misreadings import MISREADINGS, Cost, costs
 from aminn_sim import SimulationConfig, simulate
 
 MODEL = Path(__file__).resolve().parents[1] / "golden" / "aminn_model.bin"

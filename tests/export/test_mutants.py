@@ -20,17 +20,18 @@ from mutant_plan import HALF, plan_of
 from numpy.typing import NDArray
 from runtime_models import random_inputs, random_model
 
-from aminn.dims import OUTPUT_SHAPES
-from aminn_export.bin_model import BinModel, model_crc, read_bin_model, write_bin_model
-from aminn_export.compare import compare_files
+from aminn.hand.dims import OUTPUT_SHAPES
 from aminn_export.export import write_model_files
-from aminn_export.golden import run_onnx, single_thread_session
-from aminn_export.identity import misfits
-from aminn_export.judge import compare_bits, compare_within
-from aminn_export.layout import N_STATE, layout_of, tensor_name
-from aminn_export.packing import N_OUTPUT_WORDS, room
-from aminn_export.tables import Exported
-from aminn_export.vectors import (
+from aminn_export.files.bin_model import BinModel, model_crc, read_bin_model, write_bin_model
+from aminn_export.files.layout import N_STATE, layout_of, tensor_name
+from aminn_export.files.packing import N_OUTPUT_WORDS, room
+from aminn_export.files.tables import Exported
+from aminn_export.judge.compare import compare_files
+from aminn_export.judge.identity import misfits
+from aminn_export.judge.verdict import compare_bits, compare_within
+from aminn_export.judge.verify import check_golden
+from aminn_export.samples.golden import run_onnx, single_thread_session
+from aminn_export.samples.vectors import (
     N_OUT,
     Results,
     Vectors,
@@ -40,7 +41,6 @@ from aminn_export.vectors import (
     write_results,
     write_vectors,
 )
-from aminn_export.verify import check_golden
 
 ROOT = Path(__file__).resolve().parents[2]
 GOLDEN = ROOT / "tests" / "golden"

@@ -13,14 +13,14 @@ import pytest
 from onnx import TensorProto, helper
 from runtime_models import RandomModel, random_inputs, random_model
 
-from aminn.dims import INPUT_SHAPES, N_BRANCH
+from aminn.hand.dims import INPUT_SHAPES, N_BRANCH
 from aminn_base.errors import AminnError
-from aminn_export import golden
-from aminn_export.engines import ENGINES, load_engine
-from aminn_export.golden import run_onnx, single_thread_session
-from aminn_export.onnx_model import HEAD_ORDER, IR_VERSION, OPSET, build_onnx
-from aminn_export.vectors import Vectors, read_vectors
-from aminn_export.verify import scaled_norm
+from aminn_export.files.onnx_model import HEAD_ORDER, IR_VERSION, OPSET, build_onnx
+from aminn_export.judge.verify import scaled_norm
+from aminn_export.replay.engines import ENGINES, load_engine
+from aminn_export.samples import golden
+from aminn_export.samples.golden import run_onnx, single_thread_session
+from aminn_export.samples.vectors import Vectors, read_vectors
 
 ROOT = Path(__file__).resolve().parents[2]
 GOLDEN = ROOT / "tests" / "golden"

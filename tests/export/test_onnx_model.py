@@ -15,14 +15,14 @@ import pytest
 import torch
 from runtime_models import RandomModel, random_inputs, random_model
 
-from aminn.config import MechanicsConfig
-from aminn.dims import BRANCHES, DEBUG_SHAPES, INPUT_SHAPES, JOINTS, OUTPUT_SHAPES
-from aminn.mechanics import dense_stiffness
+from aminn.hand.dims import BRANCHES, DEBUG_SHAPES, INPUT_SHAPES, JOINTS, OUTPUT_SHAPES
+from aminn.model.config import MechanicsConfig
+from aminn.model.mechanics import dense_stiffness
 from aminn_base.errors import AminnError
-from aminn_export.golden import run_onnx, single_thread_session
-from aminn_export.onnx_model import build_onnx, read_metadata, write_onnx
-from aminn_export.reference import Reference
-from aminn_export.verify import scaled_norm
+from aminn_export.files.onnx_model import build_onnx, read_metadata, write_onnx
+from aminn_export.judge.verify import scaled_norm
+from aminn_export.samples.golden import run_onnx, single_thread_session
+from aminn_export.samples.reference import Reference
 
 STAGE_SHAPES = {f"{stage}_{name}": shape for stage in ("s1", "s2") for name, shape in DEBUG_SHAPES.items()}
 
@@ -55,7 +55,7 @@ def test_standard_operators_only_and_few(exported: RandomModel) -> None:
 def test_same_tables_give_the_same_bytes(exported: RandomModel, export_dir: Path, tmp_path: Path) -> None:
     code = (
         "import sys; from pathlib import Path; sys.path.insert(0, sys.argv[2])\n"
-        "from runtime_models import random_model; from aminn_export.onnx_model import write_onnx\n"
+        "from runtime_models import random_model; from aminn_export.files.onnx_model import write_onnx\n"
         "write_onnx(random_model(1), Path(sys.argv[1]), debug=True)"
     )
     file = tmp_path / "other.onnx"

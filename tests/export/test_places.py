@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from aminn.cli import main
+from aminn_app.cli import main
 from aminn_base.errors import InUseError, WriteError
 from aminn_base.lock import locked_folder
 from aminn_export.export import export

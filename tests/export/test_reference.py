@@ -11,12 +11,12 @@ import torch
 from runtime_models import random_inputs
 from synthetic import hand
 
-from aminn.checkpoint import load_checkpoint, save_checkpoint
-from aminn.config import MechanicsConfig
-from aminn.export_tables import export_tables
-from aminn.model import Aminn, ModelConfig
-from aminn.nominal import nominal_from_hand
-from aminn_export.reference import Reference
+from aminn.hand.nominal import nominal_from_hand
+from aminn.model.checkpoint import load_checkpoint, save_checkpoint
+from aminn.model.config import MechanicsConfig
+from aminn.model.export_tables import export_tables
+from aminn.model.network import Aminn, ModelConfig
+from aminn_export.samples.reference import Reference
 
 
 @pytest.mark.parametrize("fade", [False, True])

@@ -8,13 +8,13 @@ import numpy as np
 import onnx
 import pytest
 
-from aminn.dims import INPUT_SHAPES, OUTPUT_SHAPES
-from aminn_export.bin_model import read_bin_model, write_bin_model
-from aminn_export.c_model import write_c_model
-from aminn_export.golden import run_onnx, single_thread_session
-from aminn_export.onnx_model import build_onnx
-from aminn_export.reference import Reference
-from aminn_export.vectors import read_vectors
+from aminn.hand.dims import INPUT_SHAPES, OUTPUT_SHAPES
+from aminn_export.files.bin_model import read_bin_model, write_bin_model
+from aminn_export.files.c_model import write_c_model
+from aminn_export.files.onnx_model import build_onnx
+from aminn_export.samples.golden import run_onnx, single_thread_session
+from aminn_export.samples.reference import Reference
+from aminn_export.samples.vectors import read_vectors
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
 

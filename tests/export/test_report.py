@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from synthetic import closure, draw_inputs, hand
 
-from aminn.grasp_picture import GraspPicture, branch_points, draw_grasp, magnification, tool_faces
-from aminn.metrics import operating_curve, reliability
-from aminn.report import (
+from aminn.evaluation.metrics import operating_curve, reliability
+from aminn.pages.grasp_picture import GraspPicture, branch_points, draw_grasp, magnification, tool_faces
+from aminn.pages.report import (
     ReportInputs,
     difference_table,
     format_value,

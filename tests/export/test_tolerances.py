@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from aminn_export.tolerances import TOLERANCES, generated
+from aminn_export.judge.tolerances import TOLERANCES, generated
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_header_and_document_follow_the_table() -> None:
     for file, text in generated(ROOT).items():
-        assert file.read_text() == text, f"{file}: python -m aminn_export.tolerances writes it anew"
+        assert file.read_text() == text, f"{file}: python -m aminn_export.judge.tolerances writes it anew"
 
 
 def test_document_shows_every_limit() -> None:

@@ -16,17 +16,17 @@ import pytest
 from click.testing import CliRunner
 from runtime_models import RandomModel, random_inputs
 
-from aminn.cli import main
-from aminn.dataset import load_dataset, split_of
-from aminn.dims import OUTPUT_SHAPES
+from aminn.data.dataset import load_dataset, split_of
+from aminn.hand.dims import OUTPUT_SHAPES
+from aminn_app.cli import main
 from aminn_base.errors import AminnError
-from aminn_export.bin_model import read_bin_model, write_bin_model
-from aminn_export.c_model import write_c_model
-from aminn_export.engines import ENGINES
 from aminn_export.export import export
-from aminn_export.golden import run_onnx, single_thread_session
-from aminn_export.vectors import read_results, read_vectors, write_results, write_vectors
-from aminn_export.verify import check_golden, run_verification, samples_of_dataset, verify
+from aminn_export.files.bin_model import read_bin_model, write_bin_model
+from aminn_export.files.c_model import write_c_model
+from aminn_export.judge.verify import check_golden, run_verification, samples_of_dataset, verify
+from aminn_export.replay.engines import ENGINES
+from aminn_export.samples.golden import run_onnx, single_thread_session
+from aminn_export.samples.vectors import read_results, read_vectors, write_results, write_vectors
 
 
 @pytest.fixture(scope="module")
@@ -166,8 +166,8 @@ def test_replay_that_lies_is_found_out(
     program.write_text(f"""#!{sys.executable}
 import subprocess, sys
 import numpy as np
-from aminn.dims import OUTPUT_SHAPES
-from aminn_export.vectors import read_results, write_results
+from aminn.hand.dims import OUTPUT_SHAPES
+from aminn_export.samples.vectors import read_results, write_results
 subprocess.run([{str(program.with_name("true_replay"))!r}, *sys.argv[1:]], check=True)
 r = read_results(sys.argv[3])
 n = len(r.status)

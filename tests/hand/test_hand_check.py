@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 from variants import MODELS, replaced, write
 
-from aminn.cli import main
+from aminn_app.cli import main
 from aminn_base.errors import AminnError
 from aminn_hand import Hand
 from aminn_sim.acceptance import accept

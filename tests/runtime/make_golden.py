@@ -11,13 +11,13 @@ from pathlib import Path
 
 from runtime_models import random_inputs, random_model
 
-from aminn.dims import OUTPUT_SHAPES
-from aminn_export.bin_model import model_crc, write_bin_model
-from aminn_export.c_model import write_c_model
-from aminn_export.reference import Reference
-from aminn_export.tables import Exported
-from aminn_export.vectors import write_vectors
-from aminn_export.weights import float16_model
+from aminn.hand.dims import OUTPUT_SHAPES
+from aminn_export.files.bin_model import model_crc, write_bin_model
+from aminn_export.files.c_model import write_c_model
+from aminn_export.files.tables import Exported
+from aminn_export.judge.weights import float16_model
+from aminn_export.samples.reference import Reference
+from aminn_export.samples.vectors import write_vectors
 
 GOLDEN = Path(__file__).resolve().parent.parent / "golden"
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from aminn_export.layout import SCALARS, STAGE_SCALARS, layout_of
-from aminn_export.packing import BODY, HEAD, room
-from aminn_export.tables import Exported
+from aminn_export.files.layout import SCALARS, STAGE_SCALARS, layout_of
+from aminn_export.files.packing import BODY, HEAD, room
+from aminn_export.files.tables import Exported
 
 HALF = 1 << 31
 """Set in the plan's word of a float16."""

@@ -18,11 +18,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from aminn.dims import INPUT_SHAPES
-from aminn_export.adversarial import KINDS, adversarial_states
-from aminn_export.bin_model import read_bin_model
-from aminn_export.targets import own_options
-from aminn_export.vectors import pack, read_vectors
+from aminn.hand.dims import INPUT_SHAPES
+from aminn_export.files.bin_model import read_bin_model
+from aminn_export.replay.targets import own_options
+from aminn_export.samples.adversarial import KINDS, adversarial_states
+from aminn_export.samples.vectors import pack, read_vectors
 
 ROOT = Path(__file__).resolve().parents[2]
 RUNTIME, GOLDEN, FIRMWARE = ROOT / "runtime", ROOT / "tests" / "golden", ROOT / "runtime" / "firmware"

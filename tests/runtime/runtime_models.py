@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aminn.dims import BRANCH_JOINTS, BRANCHES, JOINTS, N_BRANCH
-from aminn_export.layout import classifier_shapes, stage_shapes
-from aminn_export.ranges import state_ranges
-from aminn_export.tables import STAGES
+from aminn.hand.dims import BRANCH_JOINTS, BRANCHES, JOINTS, N_BRANCH
+from aminn_export.files.layout import classifier_shapes, stage_shapes
+from aminn_export.files.ranges import state_ranges
+from aminn_export.files.tables import STAGES
 
 LINK_A_M = 0.055
 LINK_B_M = 0.045

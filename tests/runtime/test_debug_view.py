@@ -12,10 +12,10 @@ import pytest
 from numpy.typing import NDArray
 from runtime_models import random_inputs, random_model
 
-from aminn.dims import DEBUG_SHAPES, INPUT_SHAPES, OUTPUT_SHAPES
-from aminn_export.bin_model import bin_model_bytes
-from aminn_export.reference import Reference
-from aminn_export.vectors import pack, unpack
+from aminn.hand.dims import DEBUG_SHAPES, INPUT_SHAPES, OUTPUT_SHAPES
+from aminn_export.files.bin_model import bin_model_bytes
+from aminn_export.samples.reference import Reference
+from aminn_export.samples.vectors import pack, unpack
 
 ROOT = Path(__file__).resolve().parents[2]
 HOST_ARCHIVE = ROOT / "build" / "host" / "runtime" / "libaminn_rt.a"

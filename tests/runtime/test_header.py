@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from aminn import dims
-from aminn_export import layout
+from aminn.hand import dims
+from aminn_export.files import layout
 
 HEADER = (Path(__file__).resolve().parents[2] / "runtime" / "include" / "aminn_rt.h").read_text()
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from runtime_models import RandomModel, random_model
 
-from aminn.dims import N_HEAD
+from aminn.hand.dims import N_HEAD
 from aminn_base.errors import AminnError
-from aminn_export.bin_model import bin_model_bytes, read_bin_model, write_bin_model
-from aminn_export.c_model import c_model_texts, float_literal, write_c_model
-from aminn_export.layout import N_HEAD_STORED, layout_of
+from aminn_export.files.bin_model import bin_model_bytes, read_bin_model, write_bin_model
+from aminn_export.files.c_model import c_model_texts, float_literal, write_c_model
+from aminn_export.files.layout import N_HEAD_STORED, layout_of
 
 
 @pytest.fixture(scope="module")

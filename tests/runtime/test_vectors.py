@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from runtime_models import random_inputs, random_model
 
-from aminn.dims import OUTPUT_SHAPES
+from aminn.hand.dims import OUTPUT_SHAPES
 from aminn_base.errors import AminnError
-from aminn_export.reference import Reference
-from aminn_export.vectors import N_IN, N_OUT, read_results, read_vectors, write_vectors
+from aminn_export.samples.reference import Reference
+from aminn_export.samples.vectors import N_IN, N_OUT, read_results, read_vectors, write_vectors
 
 
 @pytest.fixture(scope="module")

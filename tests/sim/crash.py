@@ -75,7 +75,8 @@ class Crash:
             command = ["-c", code]
         else:
             options = [f"--{name.replace('_', '-')}={value}" for name, value in settings.items()]
-            command = ["-m", "aminn.cli", "simulate", "--engine", engine, "--threads=2", *options, "--out", str(folder)]
+            command = ["-m", "aminn_app.cli", "simulate", "--engine", engine, "--threads=2", *options]
+            command += ["--out", str(folder)]
         environment = os.environ | {MARK: self.mark}
         with (self.scratch / "log").open("a") as log:
             return subprocess.Popen([sys.executable, *command], env=environment, stdout=log, stderr=log)

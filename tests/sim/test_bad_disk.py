@@ -18,7 +18,7 @@ from aminn_sim.simulate import UNFINISHED, shard_name
 
 def command(folder: Path) -> list[str]:
     settings = command_line(SMALL)
-    return [sys.executable, "-m", "aminn.cli", "simulate", "--out", str(folder), "--threads=1", *settings]
+    return [sys.executable, "-m", "aminn_app.cli", "simulate", "--out", str(folder), "--threads=1", *settings]
 
 
 def half_of_second(dataset_dir: Path) -> int:

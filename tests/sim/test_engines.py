@@ -15,7 +15,7 @@ import pytest
 from click.testing import CliRunner
 from small_data import SMALL, begin, command_line
 
-from aminn.cli import simulate as command
+from aminn_app.cli import simulate as command
 from aminn_sim import SimulationConfig, SimulationError, _core, engines, simulate
 from aminn_sim.engines import ENGINES, ShardTask
 from aminn_sim.hand_file import read_hand_file
@@ -115,10 +115,10 @@ def test_a_caller_that_stops_early_leaves_no_task_behind(cluster: None) -> None:
 def test_interrupted_ray_simulation_goes_on(dataset_dir: Path, tmp_path: Path) -> None:
     """Ctrl-C with a cluster of one's own: message, whole shards only, and the second run ends with the same bytes."""
     folder, log = tmp_path / "data", tmp_path / "log"
-    words = [*"-m aminn.cli simulate --engine ray --threads 2 --grasps 400".split(), "--out", str(folder)]
+    words = [*"-m aminn_app.cli simulate --engine ray --threads 2 --grasps 400".split(), "--out", str(folder)]
     words += command_line({k: v for k, v in SMALL.items() if k != "grasps"})
     starter = "import signal, runpy, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"
-    starter += "sys.argv = sys.argv[1:]; runpy.run_module('aminn.cli', run_name='__main__')"
+    starter += "sys.argv = sys.argv[1:]; runpy.run_module('aminn_app.cli', run_name='__main__')"
     with log.open("w") as stderr:
         process = subprocess.Popen([sys.executable, "-c", starter, *words[1:]], stderr=stderr, start_new_session=True)
         deadline = time.monotonic() + 90
@@ -146,7 +146,7 @@ def test_unknown_engine_is_named(tmp_path: Path) -> None:
 
 
 def test_cluster_out_of_reach_is_named(tmp_path: Path) -> None:
-    arguments = [sys.executable, "-m", "aminn.cli", "simulate", "--engine", "ray", "--out", str(tmp_path / "data")]
+    arguments = [sys.executable, "-m", "aminn_app.cli", "simulate", "--engine", "ray", "--out", str(tmp_path / "data")]
     result = subprocess.run(
         arguments, env=os.environ | {"RAY_ADDRESS": "127.0.0.1:1"}, capture_output=True, text=True, timeout=120
     )

@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pytest
 
-from aminn.dataset import Dataset, load_dataset
+from aminn.data.dataset import Dataset, load_dataset
 from aminn_sim import _core
 
 TIP_RADIUS_M, BASE_X_M, BASE_Y_M, LINK_A_M, LINK_B_M = 0.010, 0.022, 0.060, 0.055, 0.045

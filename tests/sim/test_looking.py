@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 from PIL import Image
 
-from aminn.cli import simulate as command
+from aminn_app.cli import simulate as command
 from aminn_sim import SimulationConfig, SimulationError, simulate
 from aminn_sim.card import data_card
 from aminn_sim.gallery import CONTACT_RGBA, LOAD_RGBA, PIXELS, choose, gallery, offscreen

@@ -264,7 +264,7 @@ def test_foreign_files_stay_and_own_leftovers_go(dataset_dir: Path, tmp_path: Pa
 
 def test_two_simulations_of_one_folder(tmp_path: Path) -> None:
     """The second is told who is there; the first ends as if it had been alone."""
-    start = [sys.executable, "-m", "aminn.cli", "simulate", "--out", str(tmp_path / "data"), "--cases=2"]
+    start = [sys.executable, "-m", "aminn_app.cli", "simulate", "--out", str(tmp_path / "data"), "--cases=2"]
     first = subprocess.Popen([*start, "--grasps=8", "--seed=1"], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     while not (tmp_path / "data" / LOCK).exists() and first.poll() is None:
         time.sleep(0.005)

@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from aminn import dims
+from aminn.hand import dims
 from aminn_sim import SimulationConfig, SimulationError, _core, simulate
 
 

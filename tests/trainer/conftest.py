@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from synthetic import write_dataset
 
-from aminn.checkpoint import Checkpoint
-from aminn.config import TrainConfig
-from aminn.dataset import Dataset, load_dataset
-from aminn.train import train
+from aminn.data.dataset import Dataset, load_dataset
+from aminn.model.checkpoint import Checkpoint
+from aminn.model.config import TrainConfig
+from aminn.training.train import train
 
 
 @pytest.fixture(scope="session")

@@ -20,10 +20,10 @@ from pathlib import Path
 
 from synthetic import write_dataset
 
-from aminn import train as train_module
-from aminn.checkpoint import META, WEIGHTS
-from aminn.config import TrainConfig
-from aminn.dataset import load_dataset
+from aminn.data.dataset import load_dataset
+from aminn.model.checkpoint import META, WEIGHTS
+from aminn.model.config import TrainConfig
+from aminn.training import train as train_module
 from aminn_base.files import write_json
 
 GRASPS, CASES = 60, 8
@@ -57,7 +57,7 @@ class Resume:
     def __post_init__(self) -> None:
         self.random = random.Random(self.seed)
         self.context = multiprocessing.get_context("forkserver")
-        self.context.set_forkserver_preload(["aminn.train"])
+        self.context.set_forkserver_preload(["aminn.training.train"])
         self.data, self.whole, self.killed = (self.scratch / name for name in ("data", "whole", "killed"))
         write_dataset(self.data, GRASPS, CASES)
         assert self.start(self.whole, None) == 0

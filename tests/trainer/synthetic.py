@@ -13,7 +13,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from aminn.dims import BRANCH_JOINTS, BRANCHES, JOINTS
+from aminn.hand.dims import BRANCH_JOINTS, BRANCHES, JOINTS
 
 ARM_M = 0.008
 FAMILIES = ["cylinder", "capsule", "ellipsoid", "screwdriver"]

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aminn import analysis
-from aminn.checkpoint import Checkpoint
-from aminn.closure import closure
-from aminn.dataset import Dataset
-from aminn.evaluate import Prediction, learned, noise_floor
-from aminn.nominal import nominal_from_hand
+from aminn.data.dataset import Dataset
+from aminn.evaluation import analysis
+from aminn.evaluation.evaluate import Prediction, learned, noise_floor
+from aminn.hand.closure import closure
+from aminn.hand.nominal import nominal_from_hand
+from aminn.model.checkpoint import Checkpoint
 
 
 def perfect(data: Dataset) -> Prediction:

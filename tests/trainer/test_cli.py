@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from aminn.checkpoint import Checkpoint
-from aminn.cli import main
+from aminn.model.checkpoint import Checkpoint
+from aminn_app.cli import main
 
 
 def call(*args: object) -> Result:

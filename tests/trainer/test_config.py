@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from aminn.config import MECHANICS, TrainConfig, as_toml, load_config
+from aminn.model.config import MECHANICS, TrainConfig, as_toml, load_config
 from aminn_base.errors import AminnError
 
 

@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 import pytest
 
-from aminn.dataset import SPLITS, Dataset, load_dataset, split_of
+from aminn.data.dataset import SPLITS, Dataset, load_dataset, split_of
 from aminn_base.errors import AminnError, InUseError
 
 

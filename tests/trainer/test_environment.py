@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from aminn.checkpoint import Checkpoint
-from aminn.cli import main
+from aminn.model.checkpoint import Checkpoint
+from aminn_app.cli import main
 
 HOSTILE = {
     "MPLBACKEND": "module://matplotlib_inline.backend_inline",
@@ -28,7 +28,7 @@ HOSTILE = {
 
 
 def command(*words: object) -> list[str]:
-    return [sys.executable, "-m", "aminn.cli", *map(str, words)]
+    return [sys.executable, "-m", "aminn_app.cli", *map(str, words)]
 
 
 def test_a_report_is_the_same_in_a_hostile_environment(
@@ -85,7 +85,7 @@ def test_signals_end_with_words_and_leave_what_can_be_gone_on_with(
 
 
 def test_an_error_that_nobody_foresaw_is_one_line_and_its_traceback_can_be_had(data_dir: Path, tmp_path: Path) -> None:
-    broken = "import aminn.dataset as d; d.split_of = None\nfrom aminn.cli import main; main()"
+    broken = "import aminn.data.dataset as d; d.split_of = None\nfrom aminn_app.cli import main; main()"
     words = [sys.executable, "-c", broken, "train", "--data", str(data_dir), "--out", str(tmp_path / "run")]
     for environment, traceback in (({}, False), ({"AMINN_DEBUG": "1"}, True)):
         done = subprocess.run(words, env=os.environ | environment, capture_output=True, text=True, timeout=300)

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from aminn.checkpoint import Checkpoint
-from aminn.cli import main
-from aminn.dataset import Dataset
-from aminn.dims import LENGTH_SCALE_M
-from aminn.explain import RING_M, SHIFT_M, as_text, draw, explain_sample, softest
-from aminn.grasp_picture import GraspPicture, draw_grasp, load_legend, turning
+from aminn.data.dataset import Dataset
+from aminn.hand.dims import LENGTH_SCALE_M
+from aminn.model.checkpoint import Checkpoint
+from aminn.pages.explain import RING_M, SHIFT_M, as_text, draw, explain_sample, softest
+from aminn.pages.grasp_picture import GraspPicture, draw_grasp, load_legend, turning
+from aminn_app.cli import main
 from aminn_base.errors import AminnError
 
 

@@ -8,9 +8,9 @@ import torch
 from synthetic import draw_inputs, draw_wrench, hand
 from torch import Tensor
 
-from aminn.dims import LENGTH_SCALE_M
-from aminn.mechanics import Extras, MechanicsConfig, Springs, dense_stiffness, inverse_3x3, two_pass
-from aminn.nominal import nominal_from_hand
+from aminn.hand.dims import LENGTH_SCALE_M
+from aminn.hand.nominal import nominal_from_hand
+from aminn.model.mechanics import Extras, MechanicsConfig, Springs, dense_stiffness, inverse_3x3, two_pass
 
 N = 200
 MASK = torch.tensor(nominal_from_hand(hand()).coord_mask)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from aminn import losses, metrics
+from aminn.evaluation import metrics
+from aminn.model import losses
 
 
 def test_geodesic_angle_matches_rotation_matrices() -> None:

@@ -10,14 +10,14 @@ import pytest
 import torch
 from synthetic import hand
 
-from aminn.baseline import Mlp, n_parameters
-from aminn.checkpoint import load_checkpoint, save_checkpoint
-from aminn.config import MechanicsConfig, ModelConfig
-from aminn.dataset import Dataset
-from aminn.dims import DEBUG_SHAPES, LENGTH_SCALE_M, N_WRENCH, OUTPUT_SHAPES
-from aminn.export_tables import export_tables
-from aminn.model import Aminn
-from aminn.nominal import CHOL_COLS, CHOL_ROWS, nominal_from_hand
+from aminn.data.dataset import Dataset
+from aminn.hand.dims import DEBUG_SHAPES, LENGTH_SCALE_M, N_WRENCH, OUTPUT_SHAPES
+from aminn.hand.nominal import CHOL_COLS, CHOL_ROWS, nominal_from_hand
+from aminn.model.baseline import Mlp, n_parameters
+from aminn.model.checkpoint import load_checkpoint, save_checkpoint
+from aminn.model.config import MechanicsConfig, ModelConfig
+from aminn.model.export_tables import export_tables
+from aminn.model.network import Aminn
 from aminn_base.errors import AminnError
 
 NOMINAL = nominal_from_hand(hand())

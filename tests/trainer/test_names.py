@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from aminn.checkpoint import Checkpoint, load_checkpoint
-from aminn.cli import main
-from aminn.dataset import Dataset
-from aminn.evaluate import BASELINES, KIND_NAMES, evaluate, flat_report, names_of
-from aminn.report import label_of
+from aminn.data.dataset import Dataset
+from aminn.evaluation.evaluate import BASELINES, KIND_NAMES, evaluate, flat_report, names_of
+from aminn.model.checkpoint import Checkpoint, load_checkpoint
+from aminn.pages.report import label_of
+from aminn_app.cli import main
 
 FOLDERS = ("mlp", "analytical", "no_motion", "no motion", "ground truth", "a/x", "b/x")
 

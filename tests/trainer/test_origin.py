@@ -12,20 +12,20 @@ import pytest
 from click.testing import CliRunner
 from synthetic import write_dataset
 
-from aminn.checkpoint import Checkpoint
-from aminn.cli import main
-from aminn.config import TrainConfig
-from aminn.dataset import Dataset, load_dataset
-from aminn.evaluate import evaluate, flat_report, format_table
-from aminn.explain import as_text, explain_sample
-from aminn.origin import states_of, training_part, training_set
-from aminn.regimes import SELECTION, known
-from aminn.train import train
+from aminn.data.dataset import Dataset, load_dataset
+from aminn.data.origin import states_of, training_part, training_set
+from aminn.data.regimes import SELECTION, known
+from aminn.evaluation.evaluate import evaluate, flat_report, format_table
+from aminn.model.checkpoint import Checkpoint
+from aminn.model.config import TrainConfig
+from aminn.pages.explain import as_text, explain_sample
+from aminn.training.train import train
+from aminn_app.cli import main
 from aminn_base.errors import AminnError
-from aminn_export.bin_model import read_bin_model
 from aminn_export.export import export
-from aminn_export.ranges import state_ranges
-from aminn_export.verify import load_samples
+from aminn_export.files.bin_model import read_bin_model
+from aminn_export.files.ranges import state_ranges
+from aminn_export.judge.verify import load_samples
 
 
 @pytest.fixture(scope="module")

@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from aminn.checkpoint import META, WEIGHTS, Checkpoint
-from aminn.cli import main
-from aminn.run_state import FILE
+from aminn.model.checkpoint import META, WEIGHTS, Checkpoint
+from aminn.training.run_state import FILE
+from aminn_app.cli import main
 
 Figures = dict[str, float | int | str | bool]
 OLD = "old"

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aminn import study
-from aminn.config import TrainConfig
-from aminn.dataset import Dataset, load_dataset
-from aminn.paper_table import filled, write_tables
-from aminn.pipeline import anew_if_outdated
-from aminn.regimes import FRICTION_MAX, NEW_FAMILY, regimes, told
-from aminn.train import train
+from aminn.data.dataset import Dataset, load_dataset
+from aminn.data.regimes import FRICTION_MAX, NEW_FAMILY, regimes, told
+from aminn.model.config import TrainConfig
+from aminn.training.train import train
+from aminn_app import study
+from aminn_app.paper_table import filled, write_tables
+from aminn_app.pipeline import anew_if_outdated
 from aminn_base.errors import AminnError, InUseError, WriteError
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from resume import Resume
 
-from aminn.checkpoint import WEIGHTS
+from aminn.model.checkpoint import WEIGHTS
 
 
 def test_killed_at_random_steps(tmp_path: Path) -> None:

@@ -9,13 +9,13 @@ import pytest
 import torch
 from synthetic import hand
 
-from aminn.closure import closure
-from aminn.config import ModelConfig, TrainConfig
-from aminn.dataset import Dataset
-from aminn.model import Aminn
-from aminn.nominal import nominal_from_hand
-from aminn.symmetry import BRANCHES, MOTION, check_symmetric, mirror_inputs, mirror_targets
-from aminn.train import train
+from aminn.data.dataset import Dataset
+from aminn.hand.closure import closure
+from aminn.hand.nominal import nominal_from_hand
+from aminn.hand.symmetry import BRANCHES, MOTION, check_symmetric, mirror_inputs, mirror_targets
+from aminn.model.config import ModelConfig, TrainConfig
+from aminn.model.network import Aminn
+from aminn.training.train import train
 from aminn_base.errors import AminnError
 
 NOMINAL = nominal_from_hand(hand())

@@ -11,16 +11,16 @@ import numpy as np
 import pytest
 import torch
 
-import aminn.train as train_module
-from aminn.card import CARD
-from aminn.checkpoint import META, WEIGHTS, Checkpoint, load_checkpoint
-from aminn.config import LossWeights, TrainConfig
-from aminn.dataset import Dataset
-from aminn.evaluate import evaluate, flat_report, format_table
-from aminn.export_tables import export_tables
-from aminn.pipeline import anew_if_outdated
-from aminn.run_state import FILE, load_run
-from aminn.train import train
+import aminn.training.train as train_module
+from aminn.data.dataset import Dataset
+from aminn.evaluation.evaluate import evaluate, flat_report, format_table
+from aminn.model.checkpoint import META, WEIGHTS, Checkpoint, load_checkpoint
+from aminn.model.config import LossWeights, TrainConfig
+from aminn.model.export_tables import export_tables
+from aminn.training.card import CARD
+from aminn.training.run_state import FILE, load_run
+from aminn.training.train import train
+from aminn_app.pipeline import anew_if_outdated
 from aminn_base.errors import AminnError, InUseError
 from aminn_base.files import write_json
 from aminn_base.lock import NAME, locked_folder

@@ -18,13 +18,13 @@ from safetensors import safe_open
 from safetensors.torch import save_file
 from synthetic import write_dataset
 
-from aminn.checkpoint import CARD, META, WEIGHTS
-from aminn.cli import main
-from aminn.config import TrainConfig
-from aminn.dataset import SPLITS, load_dataset, split_of
-from aminn.run_state import FILE as UNFINISHED
-from aminn.train import _Loop as Loop
-from aminn.train import train
+from aminn.data.dataset import SPLITS, load_dataset, split_of
+from aminn.model.checkpoint import CARD, META, WEIGHTS
+from aminn.model.config import TrainConfig
+from aminn.training.run_state import FILE as UNFINISHED
+from aminn.training.train import _Loop as Loop
+from aminn.training.train import train
+from aminn_app.cli import main
 
 PATIENCE_S = 60  # no case takes a tenth of it; one that hangs must not hang the tests
 

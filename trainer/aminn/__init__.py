@@ -1,7 +1,8 @@
 """AMINN trainer: the analytical-model-informed network, its baseline, training and evaluation.
 
-Read in this order: `dims` (sizes and names), `mechanics` (the two-pass statics layer), `model` (the network around it),
-`train`, `evaluate`. Data comes in through `dataset`; a trained model goes out through `checkpoint`.
+Rooms, each above those before it: `hand` (what a model needs of a hand), `model` (mechanics layer and networks),
+`data`, `evaluation`, `training`, `pages`. Data comes in through `data.dataset`; a trained model goes out through
+`model.checkpoint`.
 """
 
 __version__ = "0.1.0"

@@ -8,25 +8,25 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from aminn.checkpoint import load_checkpoint
-from aminn.dataset import Dataset, load_dataset
-from aminn.export_tables import export_tables
-from aminn.origin import training_part, training_set
+from aminn.data.dataset import Dataset, load_dataset
+from aminn.data.origin import training_part, training_set
+from aminn.model.checkpoint import load_checkpoint
+from aminn.model.export_tables import export_tables
 from aminn_base.errors import AminnError, WriteError
 from aminn_base.files import write_atomically
 from aminn_base.lock import locked_folder
 from aminn_base.read import AnyPath
 
-from .bin_model import BinModel, write_bin_model
-from .c_model import write_c_model
-from .c_names import check_prefix
-from .golden import GOLDEN_FILE, inputs_of, write_golden
-from .known_answer import informative_state, runtime
-from .layout import WEIGHT_CODES, checked_name, default_name
-from .onnx_model import DEBUG_FILE, ONNX_FILE, write_onnx
-from .ranges import state_ranges, unknown_ranges
-from .tables import Exported
-from .weights import float16_model, rounding_error
+from .files.bin_model import BinModel, write_bin_model
+from .files.c_model import write_c_model
+from .files.c_names import check_prefix
+from .files.known_answer import informative_state, runtime
+from .files.layout import WEIGHT_CODES, checked_name, default_name
+from .files.onnx_model import DEBUG_FILE, ONNX_FILE, write_onnx
+from .files.ranges import state_ranges, unknown_ranges
+from .files.tables import Exported
+from .judge.weights import float16_model, rounding_error
+from .samples.golden import GOLDEN_FILE, inputs_of, write_golden
 
 
 def write_model_files(exported: Exported, out_dir: AnyPath, prefix: str) -> None:

@@ -1,0 +1,1 @@
+"""The program `aminn`: it puts simulation, training, export and pages together. Nothing imports it."""

@@ -1,0 +1,440 @@
+"""The program `aminn`: one command a stage, from simulation to verification."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from aminn import __version__
+from aminn_base.errors import AminnError
+from aminn_base.program import Commands, Judges
+from aminn_base.read import read_json
+
+FOLDER = click.Path(path_type=Path, file_okay=False)
+EXISTING = click.Path(path_type=Path, file_okay=False, exists=True)
+FILE_OR_FOLDER = click.Path(path_type=Path, exists=True)
+READABLE = click.Path(path_type=Path, exists=True, dir_okay=False)
+NEW_FILE = click.Path(path_type=Path, dir_okay=False)
+TRAINED_ON = click.option(
+    "--trained-on",
+    type=EXISTING,
+    default=None,
+    help="Where --data is another one: the data set of the training, whose grasps are then left out.",
+)
+
+
+def read_verification(file: Path) -> dict:
+    """The report that `aminn verify --json` wrote."""
+    report = read_json(file, "a report of `aminn verify --json`")
+    if "ok" not in report or "failures" not in report:
+        raise AminnError(f"{file}: not a report of `aminn verify --json`")
+    return report
+
+
+@click.group(cls=Commands)
+@click.version_option(__version__)
+def main() -> None:
+    """Predict how a robot hand's grasp gives way under load.
+
+    Simulate, train, evaluate, explain, export, verify, compare, report.
+    """
+
+
+@main.command()
+@click.option("--out", type=FOLDER, required=True, help="Folder of the data set; an unfinished one is gone on with.")
+@click.option("--grasps", type=click.IntRange(1), default=400, show_default=True, help="Number of grasps.")
+@click.option("--cases", type=click.IntRange(1), default=16, show_default=True, help="Load cases per grasp.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
+@click.option("--threads", type=click.IntRange(1), default=None, help="Worker threads  [default: all cores]")
+@click.option(
+    "--engine",
+    type=click.Choice(["threads", "ray"]),
+    default="threads",
+    show_default=True,
+    help="Threads here, or the Ray cluster of RAY_ADDRESS (else one started here). The bytes are the same.",
+)
+@click.option("--shard-grasps", type=click.IntRange(1), default=None, help="Grasps per shard.")
+@click.option("--family", "families", multiple=True, help="Tool family; may be repeated.  [default: all]")
+@click.option("--json", "json_file", type=NEW_FILE, help="Write time and rate here, as flat keys.")
+@click.option("--hand", type=click.Path(path_type=Path), default=None, help="Hand file (TOML)  [default: built in]")
+@click.option(
+    "--set",
+    "changes",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="Any other number of the configuration, e.g. friction_min=0.6; may be repeated. The names are the fields of "
+    "aminn_sim.SimulationConfig.",
+)
+@click.option("--gallery", type=click.IntRange(1), default=None, help="Then draw so many grasps, in DIR/gallery.")
+@click.option("--card", is_flag=True, help="Then write the data card, DIR/card.html.")
+@click.pass_context
+def simulate(
+    context: click.Context,
+    out: Path,
+    grasps: int,
+    cases: int,
+    seed: int,
+    threads: int | None,
+    engine: str,
+    shard_grasps: int | None,
+    families: tuple[str, ...],
+    json_file: Path | None,
+    hand: Path | None,
+    changes: tuple[str, ...],
+    gallery: int | None,
+    card: bool,
+) -> None:
+    """Simulate grasps under load and write a labelled data set; or, with --gallery or --card, look at a finished one.
+
+    A finished data set is looked at as it is, unless an option says what else is to be simulated.
+    """
+    from .simulation import run_card, run_gallery, run_simulation, simulation_settings
+
+    decisive = ("grasps", "cases", "seed", "shard_grasps", "families", "changes")
+    asked = any(context.get_parameter_source(name) is not click.core.ParameterSource.DEFAULT for name in decisive)
+    if asked or not (gallery or card) or not (out / "manifest.json").exists():
+        settings: dict[str, object] = {"shard_grasps": shard_grasps, "families": families or None}
+        given = {name: value for name, value in settings.items() if value is not None} | simulation_settings(changes)
+        manifest = run_simulation(out, grasps, cases, seed, threads, engine, hand, json_file, **given)
+        click.echo(f"{manifest['n_samples']} load cases of {manifest['n_grasps']} grasps in {out}")
+    if gallery:
+        click.echo(f"pictures: {run_gallery(out, gallery, hand)}")
+    if card:
+        click.echo(f"data card: {run_card(out)}")
+
+
+def _print_config(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
+    if wanted and not ctx.resilient_parsing:
+        from aminn.model.config import as_toml, load_config
+
+        click.echo(as_toml(load_config()))
+        ctx.exit()
+
+
+@main.command()
+@click.option("--data", type=EXISTING, required=True, help="Folder that `aminn simulate` wrote.")
+@click.option("--out", type=FOLDER, required=True, help="Folder of the checkpoint; an unfinished run is gone on with.")
+@click.option("--model", "kind", type=click.Choice(["aminn", "mlp"]), default=None, help="AMINN or the baseline.")
+@click.option("--seed", type=click.IntRange(0), default=None, help="Weights and order of samples.")
+@click.option("--epochs", type=click.IntRange(1), default=None, help="Passes over the data, each stage.")
+@click.option("--config", "file", type=READABLE, default=None, help="TOML file of settings.")
+@click.option("--set", "overrides", multiple=True, metavar="KEY=VALUE", help="One setting; may be repeated.")
+@click.option(
+    "--print-config",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_print_config,
+    help="Print every setting with its meaning and default, as a TOML file, and stop.",
+)
+@click.option("--tensorboard/--no-tensorboard", default=True, show_default=True, help="Curves in OUT/tensorboard.")
+def train(
+    data: Path,
+    out: Path,
+    kind: str | None,
+    seed: int | None,
+    epochs: int | None,
+    file: Path | None,
+    overrides: tuple[str, ...],
+    tensorboard: bool,
+) -> None:
+    """Train AMINN or the MLP baseline.
+
+    Stage 1 learns on every load case of the training grasps whether the grasp holds; stage 2 learns on the stable ones
+    how far the tool moves. Of each stage the weights of the epoch with the least validation loss are kept, then the
+    threshold tau on p_stable is chosen on validation data. Test grasps are never read.
+
+    \b
+    A first run, watched in a browser (tensorboard --logdir runs):
+      aminn train --data data --out runs/first
+    The black box beside it, same schedule and size:
+      aminn train --data data --out runs/mlp --model mlp
+    Other settings, one by one or from a file:
+      aminn train --data data --out runs/wide --set model.width=96 --set loss.relative=0.05
+      aminn train --print-config > mine.toml
+      aminn train --data data --out runs/mine --config mine.toml --seed 3
+
+    Settings come from the defaults, then the file, then the options, then --set; later ones win. One table
+    model.mechanics stands for both stages.
+
+    Interrupt or kill it at will: the same command goes on from the last finished epoch and ends in the same bytes. A
+    folder that holds a run of other settings or data is refused, and the message names what differs. A loss that
+    diverges ends the run with step and term, and leaves the last good state.
+
+    OUT holds in the end model.safetensors (weights), model.json (settings, history, tau, operating curve), card.md
+    (what it is, figures, limits) and tensorboard/.
+    """
+    from aminn.data.dataset import load_dataset
+    from aminn.model.config import load_config
+    from aminn.training.train import train as run
+
+    config = load_config(file, overrides, kind=kind, seed=seed, epochs=epochs)
+    checkpoint = run(config, load_dataset(data), out, tensorboard=tensorboard)
+    meta = checkpoint.meta
+    click.echo(
+        f"{config.kind}: {meta['n_parameters']} parameters, tau {meta['tau']:.4f}, "
+        f"F1 {meta['validation']['f1']:.3f} on validation grasps, in {out}"
+    )
+
+
+@main.command()
+@click.option("--data", type=EXISTING, required=True, help="Data set of the training, or another of the hand.")
+@click.option("--run", "runs", type=EXISTING, multiple=True, required=True, help="Checkpoint folder; may be repeated.")
+@click.option("--split", default="test", show_default=True, type=click.Choice(["train", "validation", "test"]))
+@TRAINED_ON
+@click.option("--json", "json_file", type=NEW_FILE, help="Write every figure here, as flat keys.")
+def evaluate(
+    data: Path, runs: tuple[Path, ...], split: str, trained_on: Path | None, json_file: Path | None
+) -> None:
+    """Print the figures of trained models beside the analytical model, no motion and the ground truth."""
+    from aminn.data.dataset import load_dataset
+    from aminn.evaluation.evaluate import evaluate as run
+    from aminn.evaluation.evaluate import flat_report, format_table
+    from aminn.model.checkpoint import load_checkpoint
+    from aminn_base.files import check_outputs, write_json
+
+    check_outputs([json_file], [data, *runs, trained_on])
+    origin = load_dataset(trained_on) if trained_on else None
+    result = run([load_checkpoint(r) for r in runs], load_dataset(data), split, origin)
+    if json_file:
+        write_json(json_file, flat_report(result))
+    click.echo(format_table(result))
+    if json_file:
+        click.echo(f"figures: {json_file}")
+
+
+@main.command()
+@click.option("--run", "checkpoint", type=EXISTING, required=True, help="Folder of an AMINN checkpoint.")
+@click.option("--data", type=EXISTING, required=True, help="Data set to draw the golden vectors from.")
+@click.option("--out", type=FOLDER, required=True)
+@click.option("--prefix", default="aminn_model", show_default=True, help="Symbol prefix and file name of the C model.")
+@click.option("--name", help="What the model calls itself, on the target too  [default: the prefix]")
+@click.option(
+    "--weights",
+    type=click.Choice(["float32", "float16"]),
+    default="float32",
+    show_default=True,
+    help="Type of the weights in flash; float16 halves it, and the error is reported.",
+)
+def export(checkpoint: Path, data: Path, out: Path, prefix: str, name: str | None, weights: str) -> None:
+    """Write aminn.onnx, aminn_debug.onnx, the C model, its binary form and golden vectors."""
+    from .pipeline import run_export
+
+    for line in run_export(checkpoint, data, out, prefix, weights, name):
+        click.echo(line)
+
+
+@main.command(cls=Judges)
+@click.option("--export", "export_dir", type=EXISTING, required=True, help="Folder that `aminn export` wrote.")
+@click.option("--data", type=FILE_OR_FOLDER, required=True, help="Data set, or vector file, to replay.")
+@click.option(
+    "--build",
+    "build_dir",
+    type=EXISTING,
+    default=Path("build/host"),
+    show_default=True,
+    help="Compiled runtime: a build folder, or the prefix that it is installed with.",
+)
+@click.option(
+    "--samples",
+    type=click.IntRange(1),
+    default=None,
+    help="Replay at least so many of a data set  [default: its test split and others up to 1000, or all]",
+)
+@click.option("--firmware", is_flag=True, help="Also on the emulated Cortex-M7 (--target cortex_m7).")
+@click.option("--target", "targets", multiple=True, help="Also there; may be repeated: cortex_m4, aarch64_gcc_O2, ...")
+@click.option("--port", help="Also on a real board: the serial port, Unix socket or tcp:HOST:PORT of its firmware.")
+@click.option(
+    "--onnx",
+    "engine",
+    type=click.Choice(["onnxruntime", "openvino", "reference"]),
+    default="onnxruntime",
+    show_default=True,
+    help="What evaluates the ONNX model; reference: the slow evaluator of the package onnx.",
+)
+@click.option("--show", type=click.IntRange(0), default=3, show_default=True, help="Print so many numbers of a check.")
+@click.option("--json", "json_file", type=NEW_FILE, help="Write the figures here, and each number that differs.")
+@click.option("--junit", "junit_file", type=NEW_FILE, help="Write a test case for each check, for a build server.")
+def verify(
+    export_dir: Path,
+    data: Path,
+    build_dir: Path,
+    samples: int | None,
+    firmware: bool,
+    targets: tuple[str, ...],
+    port: str | None,
+    engine: str,
+    show: int,
+    json_file: Path | None,
+    junit_file: Path | None,
+) -> None:
+    """Replay a data set through ONNX Runtime and the compiled runtime; fail on a mismatch.
+
+    Every output of every sample is judged: against ONNX Runtime within the limits of docs/export.md, and the runtime's
+    replays against one another bit by bit. Exit code 0: all the same; 1: something differs; 3: it cannot be told, since
+    a file is damaged or missing.
+    """
+    from aminn_base.files import check_outputs
+    from aminn_export.judge.verdict_report import write_junit, write_verdict
+
+    from .pipeline import run_verify
+
+    check_outputs([json_file, junit_file], [export_dir, data])
+    done = run_verify(
+        export_dir, data, build_dir, samples, firmware, targets=targets, port=port, show=show, engine=engine
+    )
+    if json_file:
+        write_verdict(json_file, done.report, done.failures)
+        click.echo(f"differences: {json_file}")
+    if junit_file:
+        write_junit(junit_file, "aminn verify", done.cases)
+        click.echo(f"test cases: {junit_file}")
+    if not done.report["ok"]:
+        raise click.ClickException("the runtime does not repeat ONNX Runtime, or the files are not of one model")
+
+
+@main.command(cls=Judges)
+@click.argument("files", type=READABLE, nargs=-1, required=True)
+@click.option("--show", type=click.IntRange(0), default=10, show_default=True, help="Print so many numbers.")
+@click.option("--json", "json_file", type=NEW_FILE, help="Write the figures here, and each number that differs.")
+@click.option("--junit", "junit_file", type=NEW_FILE, help="Write a test case an output, for a build server.")
+def compare(files: tuple[Path, ...], show: int, json_file: Path | None, junit_file: Path | None) -> None:
+    """Compare results of a replay: WANT.bin GOT.bin, or MODEL.bin VECTORS.bin RESULTS.bin.
+
+    Two result files must have the same bits. Results of a vector file may differ from its reference by the limits of
+    docs/export.md. Files are told apart by what they hold. Exit code 0: the same; 1: something differs; 3: it cannot
+    be told, since a file is damaged or empty. `aminn_compare` does the same without Python.
+    """
+    from aminn_base.files import check_outputs
+    from aminn_export.judge.compare import compare_files
+    from aminn_export.judge.verdict_report import Case, shown, write_junit, write_verdict
+
+    check_outputs([json_file, junit_file], files)
+    verdict = compare_files(files)
+    for name, value in verdict.figures.items():
+        click.echo(f"{name} {value:.3g}" if isinstance(value, float) else f"{name} {value}")
+    for line in shown(verdict.failures, show):
+        click.echo(line)
+    if json_file:
+        write_verdict(json_file, verdict.figures | {"ok": not verdict.failures}, verdict.failures)
+    if junit_file:
+        kinds = dict.fromkeys((*verdict.judged, *(f.kind for f in verdict.failures)))
+        cases = [Case(files[-1].name, kind, [f for f in verdict.failures if f.kind == kind]) for kind in kinds]
+        write_junit(junit_file, "aminn compare", cases)
+    if verdict.failures:
+        raise click.ClickException(f"{files[-1]}: {len(verdict.failures)} numbers differ")
+
+
+@main.command()
+@click.option("--data", type=EXISTING, required=True, help="Data set of the training, or another of the hand.")
+@click.option("--run", "runs", type=EXISTING, multiple=True, required=True, help="Checkpoint folder; may be repeated.")
+@click.option(
+    "--verification",
+    type=click.Path(path_type=Path, dir_okay=False, exists=True),
+    help="`aminn verify --json`.",
+)
+@click.option(
+    "--reports",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("build/reports"),
+    show_default=True,
+    help="Folder of other reports, whose figures the page lists.",
+)
+@TRAINED_ON
+@click.option("--out", type=NEW_FILE, default=Path("build/reports/report.html"), show_default=True)
+def report(
+    data: Path,
+    runs: tuple[Path, ...],
+    verification: Path | None,
+    reports: Path,
+    trained_on: Path | None,
+    out: Path,
+) -> None:
+    """Write the report page: table, signed work, predicted motion, training curves, a grasp under load."""
+    from aminn.data.dataset import load_dataset
+    from aminn.evaluation.evaluate import evaluate as run
+    from aminn.model.checkpoint import load_checkpoint
+    from aminn_base.files import check_outputs
+
+    from .pipeline import run_report
+
+    check_outputs([out], [data, *runs, verification, trained_on, *reports.glob("*.json")])
+    checkpoints = [load_checkpoint(r) for r in runs]
+    differences = read_verification(verification) if verification else {}
+    origin = load_dataset(trained_on) if trained_on else None
+    run_report(run(checkpoints, load_dataset(data), trained_on=origin), checkpoints, differences, out, reports)
+    click.echo(f"report: {out}")
+
+
+@main.command()
+@click.option("--run", "checkpoint", type=EXISTING, required=True, help="Folder of an AMINN checkpoint.")
+@click.option("--data", type=EXISTING, required=True, help="Data set that the sample is taken from.")
+@click.option("--sample", type=click.IntRange(0), required=True, help="Number of the load case in the data set.")
+@click.option("--out", type=NEW_FILE, default=None, help="Write the picture here (.png, .svg or .pdf).")
+@click.option("--json", "json_file", type=NEW_FILE, default=None, help="Write the numbers here.")
+def explain(checkpoint: Path, data: Path, sample: int, out: Path | None, json_file: Path | None) -> None:
+    """Say what the mechanics layer makes of one load case.
+
+    Springs, tendon directions and engagement of each finger, the stiffness K_x with its principal compliances and their
+    directions, and the predicted motion beside the simulated one; as text, and as a picture over the hand.
+    """
+    from aminn.data.dataset import load_dataset
+    from aminn.model.checkpoint import load_checkpoint
+    from aminn.pages.explain import as_text, draw, explain_sample
+    from aminn_base.files import check_outputs, write_json
+
+    check_outputs([out, json_file], [data, checkpoint])
+    found = explain_sample(load_checkpoint(checkpoint), load_dataset(data), sample)
+    click.echo(as_text(found))
+    if json_file:
+        write_json(json_file, found.flat())
+        click.echo(f"numbers: {json_file}")
+    if out:
+        draw(found, out)
+        click.echo(f"picture: {out}")
+
+
+if __name__ == "__main__":
+    main()
+
+
+@main.group(cls=Commands)
+def hand() -> None:
+    """Describe a hand of your own."""
+
+
+@hand.command()
+@click.argument("file", type=READABLE)
+@click.option(
+    "--pinch",
+    default=0.5,
+    show_default=True,
+    type=click.FloatRange(0, min_open=True),
+    help="Mean force of a contact, N.",
+)
+@click.option("--grasps", default=16, show_default=True, type=click.IntRange(1), help="Grasps to try it with.")
+@click.option("--seed", default=0, show_default=True, type=click.IntRange(0))
+@click.option("--picture", type=NEW_FILE, help="Draw joints, axes and names here (.png, .svg or .pdf).")
+@click.option("--json", "json_file", type=NEW_FILE, help="Write the figures here, as flat keys.")
+def check(file: Path, pinch: float, grasps: int, seed: int, picture: Path | None, json_file: Path | None) -> None:
+    """Say what a hand file (TOML) and its MJCF describe, and hold that against the engine.
+
+    Prints each branch's joints, axes, springs, servos, tendons and couplings; refuses by name what the statics cannot
+    hold; then moves a ball in light grasps and says how far theory and simulation are apart.
+    """
+    from tqdm import tqdm
+
+    from aminn_base.files import write_json
+    from aminn_sim.hand_check import check as run
+
+    interval = 0.2 if sys.stderr.isatty() else 10.0
+    with tqdm(total=grasps, unit="grasp", desc="acceptance", delay=1.0, mininterval=interval, leave=False) as bar:
+        done = run(file, pinch, grasps, seed, picture, lambda n: bar.update(n - bar.n), click.echo)
+    if json_file:
+        write_json(json_file, done.figures())
+        click.echo(f"figures: {json_file}")
+    if done.problem:
+        raise click.ClickException(f"{file}: {done.problem}")
+    click.echo("accepted")

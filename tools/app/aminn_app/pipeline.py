@@ -1,0 +1,146 @@
+"""The stages of the path as single calls: the one place that knows simulation, trainer and exporter.
+
+The other packages are imported where they are used: who trains needs no exporter, who exports no simulator.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+
+from aminn.evaluation.evaluate import Evaluation, names_of, truth
+from aminn.evaluation.metrics import pose_size, reliability, signed_work
+from aminn.model.checkpoint import Checkpoint
+from aminn_base.errors import OutdatedError
+
+if TYPE_CHECKING:
+    from aminn.pages.grasp_picture import GraspPicture
+    from aminn_export.judge.verify import Verification
+
+T = TypeVar("T")
+
+
+def anew_if_outdated(folder: Path, work: Callable[[], T]) -> T:
+    """Do `work`, which fills a build folder; what an earlier version of the program left there is made again.
+
+    Any other error, a full disk or another program in the folder, leaves the folder alone.
+    """
+    existed = folder.exists()
+    try:
+        return work()
+    except OutdatedError as error:
+        if not existed:
+            raise
+        click.echo(f"{folder} is made again: {error}")
+        shutil.rmtree(folder)
+        return work()
+
+
+def run_export(
+    run: Path,
+    data: Path,
+    out: Path,
+    prefix: str = "aminn_model",
+    weights: str = "float32",
+    name: str | None = None,
+) -> list[str]:
+    """Export the checkpoint in folder `run` to `out`, golden vectors and input ranges from `data`; lines to print."""
+    from aminn_export.export import export
+
+    return export(run, out, prefix, data, weights, name)
+
+
+def run_verify(
+    exported: Path,
+    data: Path,
+    build: Path,
+    samples: int | None = None,
+    firmware: bool = False,
+    echo: Callable[[str], object] = click.echo,
+    targets: tuple[str, ...] = (),
+    port: str | None = None,
+    show: int = 3,
+    engine: str = "onnxruntime",
+) -> Verification:
+    """Replay `data` through ONNX Runtime and the compiled runtime; flat figures and what differs. `echo` prints.
+
+    `targets` are further machines of `aminn_export.replay.targets`, `port` is a serial port or socket with a board
+    behind it; another `engine` of `aminn_export.replay.engines` stands in for ONNX Runtime.
+    """
+    from aminn_export.judge.verify import run_verification, tell
+
+    targets = (*targets, *(("cortex_m7",) if firmware else ()))
+    done = run_verification(exported, data, build, samples, targets, port, engine)
+    tell(done, echo, show)
+    return done
+
+
+def _report_data(labels: dict, manifest: dict) -> dict[str, float | int | str | None]:
+    """What the page says of the data."""
+    whole = {"simulator": manifest.get("simulator"), "seed": manifest.get("seed")}
+    whole |= {"grasps, in all": manifest["n_grasps"], "load cases, in all": manifest["n_samples"]}
+    return whole | {f"test split: {name.replace('_', ' ')}": value for name, value in labels.items()}
+
+
+def _example_grasp(result: Evaluation) -> GraspPicture:
+    """A stable test case that moves visibly: the one whose motion is nearest to the 95th percentile."""
+    from aminn.pages.grasp_picture import GraspPicture
+
+    data, s = result.data, result.data.samples
+    held = np.flatnonzero(s["stable"] > 0)
+    size = pose_size(s["dx_ht"][held])
+    row = int(held[np.argmin(np.abs(size - np.quantile(size, 0.95)))])
+    grasp = int(np.flatnonzero(data.grasps["grasp_id"] == s["grasp_id"][row])[0])
+    return GraspPicture(
+        hand=data.manifest["hand"],
+        tool_family=data.manifest["tool_families"][int(data.grasps["tool_family"][grasp])],
+        tool_geoms=data.grasps["tool_geoms"][grasp],
+        tool_size_m=data.grasps["tool_size_m"][grasp],
+        predicted_dx=result.predictions["aminn"].dx[row] if "aminn" in result.predictions else None,
+        **{name: s[name][row] for name in ("q", "q_after", "x_ht", "dx_ht", "w_e", "contacts")},
+    )
+
+
+def run_report(
+    result: Evaluation, checkpoints: list[Checkpoint], differences: dict, out: Path, reports: Path | None = None
+) -> None:
+    """Write the report page of an evaluation to `out`; `differences` is what `run_verify` returned, or empty.
+
+    The page lists the figures of all reports in folder `reports`.
+    """
+    from aminn.pages.report import ReportInputs, read_reports, write_report
+
+    s = result.data.samples
+    held = s["stable"] > 0
+    learned = names_of(checkpoints)
+
+    counted = {name: (result.predictions[name].dx, result.predictions[name].stable) for name in learned}
+    counted["label"] = (s["dx_ht"], held)
+
+    def work(full: bool) -> dict[str, NDArray[np.float64]]:
+        return {name: signed_work(s["w_e"], dx, full)[where] for name, (dx, where) in counted.items()}
+
+    inputs = ReportInputs(
+        title="AMINN: grasp stability and in-hand displacement",
+        rows=[{"model": name} | figures for name, figures in result.table.items()]
+        + [{"model": "label"} | truth(result)],
+        signed_work=work(full=True),
+        signed_work_translational=work(full=False),
+        true_dx=s["dx_ht"][held],
+        predicted_dx={name: result.predictions[name].dx[held] for name in (*learned, "analytical")},
+        histories={name: c.meta["history"] for name, c in zip(learned, checkpoints, strict=True)},
+        operating={n: (c.meta["operating_curve"], c.meta["tau"]) for n, c in zip(learned, checkpoints, strict=True)},
+        reliability={name: reliability(result.predictions[name].p_stable, held) for name in learned},
+        grasp=_example_grasp(result),
+        verification=differences,
+        reports=read_reports(reports, out) if reports else {},
+        notes=result.notes,
+        dataset=_report_data(result.labels, result.data.manifest),
+    )
+    write_report(inputs, out)

@@ -1,0 +1,255 @@
+"""Studies over seeds on one data set: AMINN beside the baseline with a learning curve (`make paper`), and choices of
+the model and its training (`make ablation`).
+
+Both learn from the same part of the data set (`REGIMES["iid"]`): known tool families, moderate friction and loads. The
+rest is what nobody has seen: another family, more friction, larger loads. A run is trained on one thread, runs stand
+side by side. Finished runs and their figures are kept, and the report is written anew after each: a study that is cut
+goes on where it stopped, and what it has is a whole table of fewer seeds.
+"""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import time
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import click
+import numpy as np
+
+from aminn.data.dataset import Dataset, load_dataset
+from aminn.data.regimes import REGIMES, SELECTION, known, regimes, told
+from aminn.evaluation.analysis import breakdown, compliance_figures, gate_figures, noise_figures, squared_error_shares
+from aminn.evaluation.evaluate import analytical, figures_of, label_figures, learned, no_motion
+from aminn.model.checkpoint import Checkpoint
+from aminn.model.config import TrainConfig
+from aminn.training.train import LEAST_GRASPS, identity_of, train
+from aminn_base.errors import AminnError
+from aminn_base.files import write_json
+from aminn_base.program import Messages
+
+from .paper_table import write_tables
+from .pipeline import anew_if_outdated
+
+Figures = dict[str, float]
+# To be raised with every change of the figures, so that those of kept runs are taken again.
+FIGURES_VERSION = 2
+BASE = TrainConfig()
+BASELINE = replace(BASE, kind="mlp", weight_decay=0.0)
+"""The MLP without weight decay: on validation grasps its RMSE is a sixth less so, AMINN's is not (`make ablation`)."""
+FRACTIONS = (1.0, 0.1, 0.03, 0.3, 0.01)
+"""Shares of the training grasps, in the order in which they are trained."""
+ABLATION_FRACTION = 0.3
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run of a study."""
+
+    variant: str
+    config: TrainConfig
+    secret: str = ""
+    """What `told` adds to the inputs."""
+
+    @property
+    def name(self) -> str:
+        return f"{self.variant}-{100 * self.config.train_fraction:g}pc-{self.config.seed}"
+
+
+def _mechanics(**changes: float | str | bool) -> TrainConfig:
+    return _model(mechanics=tuple(replace(stage, **changes) for stage in BASE.model.mechanics))
+
+
+def _model(**changes: object) -> TrainConfig:
+    return replace(BASE, model=replace(BASE.model, **changes))
+
+
+def _loss(**changes: float) -> TrainConfig:
+    return replace(BASE, loss=replace(BASE.loss, **changes))
+
+
+ABLATIONS: dict[str, TrainConfig] = {
+    "shipped": BASE,
+    "mlp": replace(BASE, kind="mlp"),
+    "dq0_inverse": _mechanics(dq0="inverse"),
+    "eps_m_1e-4": _mechanics(eps_m=1e-4, learn_eps_m=False),
+    "eps_m_1e-5": _mechanics(eps_m=1e-5, learn_eps_m=False),
+    "eps_m_1e-6": _mechanics(eps_m=1e-6, learn_eps_m=False),
+    "eps_kx_1e-3": _mechanics(eps_kx=1e-3),
+    "width_32": _model(width=32, contact_width=16),
+    "width_128": _model(width=128, contact_width=64),
+    "mlp_width_128": replace(_model(width=128, contact_width=64), kind="mlp"),
+    "heads_blind_to_wrench": _model(heads_see_wrench=False),
+    "heads_free": _model(heads="free"),
+    "soft_finger": _model(soft_finger=True),
+    "slip": _model(slip=True),
+    "loss_norm": _loss(relative=1e9),
+    "loss_square": _loss(relative=1e9, power=2.0),
+    "no_engagement": _loss(engagement=0.0),
+    "no_weight_decay": replace(BASE, weight_decay=0.0),
+    "mlp_loss_norm": replace(_loss(relative=1e9), kind="mlp"),
+    "mlp_no_weight_decay": BASELINE,
+    "no_mirror": replace(BASE, mirror=False),
+    "mlp_no_mirror": replace(BASELINE, mirror=False),
+}
+"""Choices that the method leaves open, each alone against what is shipped; the MLP gets those that concern it."""
+
+
+def paper_jobs(seeds: int) -> Iterator[Job]:
+    """Seed by seed, each time the whole training set first; a small share gets more epochs, for enough steps."""
+    for seed in range(seeds):
+        for fraction in FRACTIONS:
+            epochs = round(BASE.epochs / fraction**0.5)
+            for config in (BASE, BASELINE):
+                yield Job(config.kind, replace(config, seed=seed, train_fraction=fraction, epochs=epochs))
+
+
+def ablation_jobs(seeds: int) -> Iterator[Job]:
+    for seed in range(seeds):
+        for variant, config in ABLATIONS.items():
+            yield Job(variant, replace(config, seed=seed, train_fraction=ABLATION_FRACTION))
+        for secret in ("friction", "pretension"):
+            for kind in ("aminn", "mlp"):
+                config = replace(BASE, kind=kind, seed=seed, train_fraction=ABLATION_FRACTION)
+                yield Job(f"{kind}_told_{secret}", config, secret)
+
+
+JOBS = {"paper": paper_jobs, "ablation": ablation_jobs}
+
+
+@cache
+def _data(path: Path) -> Dataset:
+    return load_dataset(path)
+
+
+def _tests(data: Dataset, study: str, fraction: float) -> dict[str, Dataset]:
+    """Where a run is judged. The one place that reads test grasps, and for `paper` alone."""
+    if study != "paper":
+        return {"iid": known(data).split("validation")}
+    names = REGIMES if fraction == 1.0 else REGIMES[:1]
+    tests = {name: data.where(mask, name).split("test") for name, mask in regimes(data).items() if name in names}
+    empty = [name for name, test in tests.items() if not (test.samples["stable"] > 0).any()]
+    if empty:
+        raise AminnError(f"no stable test case of {', '.join(empty)}: the data set is too small, simulate more grasps")
+    return tests
+
+
+def figures_on(checkpoint: Checkpoint, name: str, data: Dataset, deep: bool) -> Figures:
+    """All figures of a run on one test set; `deep`: with the breakdowns."""
+    prediction = learned(checkpoint, data, name)
+    figures = figures_of(prediction, data) | gate_figures(prediction, data)
+    if deep:
+        figures |= breakdown(prediction, data) | squared_error_shares(prediction, data)
+        figures |= compliance_figures(prediction, data) | noise_figures(checkpoint, data)
+    return figures
+
+
+def _run(study: str, job: Job, folder: Path, path: Path, position: int) -> dict[str, Figures]:
+    """Train one run and judge it, or read what an earlier call found: test set -> figures."""
+    data = _data(path)
+    part = told(known(data), job.secret)
+    identity = identity_of(job.config, part.sha256) | {"figures_version": FIGURES_VERSION}
+    kept = folder / "figures" / f"{job.name}.json"
+    if kept.is_file():
+        found = json.loads(kept.read_text())
+        if found["identity"] == identity:
+            return found["figures"]
+    out = folder / "runs" / job.name
+    start = time.process_time()
+    checkpoint = anew_if_outdated(out, lambda: train(job.config, part, out, bar_position=position))
+    seconds = time.process_time() - start
+    tests = {k: told(v, job.secret) for k, v in _tests(data, study, job.config.train_fraction).items()}
+    deep = study == "paper" and job.config.train_fraction == 1.0
+    figures = {name: figures_on(checkpoint, name, test, deep and name == "iid") for name, test in tests.items()}
+    figures["iid"] |= {"seconds": seconds, "n_parameters": checkpoint.meta["n_parameters"]}
+    write_json(kept, {"identity": identity, "figures": figures})
+    return json.loads(kept.read_text())["figures"]
+
+
+def spread(values: list[float]) -> float:
+    """Standard deviation of a sample; 0 for a single value."""
+    return float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
+
+
+def gather(rows: list[Figures]) -> Figures:
+    """`<figure>_mean` and `<figure>_sd` over runs; a figure that a run has not counts as missing."""
+    found: Figures = {}
+    for key in rows[0]:
+        values = [row[key] for row in rows if row.get(key) is not None and np.isfinite(row[key])]
+        if values:
+            found |= {f"{key}_mean": float(np.mean(values)), f"{key}_sd": spread(values)}
+    return found
+
+
+def _still(data: Dataset) -> dict[str, float | int | str]:
+    """What no seed changes: size and labels of the test sets, the analytical model and no motion on them."""
+    report: dict[str, float | int | str] = {"trained_on": SELECTION}
+    validation = known(data).split("validation")
+    train_part = known(data).split("train")
+    report |= {"train_n_samples": len(train_part), "train_n_grasps": len(np.unique(train_part.samples["grasp_id"]))}
+    report["dataset_n_samples"] = len(data)
+    for name, test in _tests(data, "paper", 1.0).items():
+        report |= {f"{name}_label_{key}": value for key, value in label_figures(test).items()}
+        for prediction in (analytical(test, validation), no_motion(test)):
+            row = figures_of(prediction, test)
+            report |= {f"{name}_{prediction.name}_{key}": value for key, value in row.items()}
+    return report
+
+
+def summarise(study: str, done: dict[Job, dict[str, Figures]], still: dict) -> dict:
+    """The report: figures of every variant by test set and share of the training grasps, as flat keys."""
+    groups: dict[str, list[Figures]] = {}
+    seeds: dict[str, set[int]] = {}
+    for job, tests in done.items():
+        fraction = job.config.train_fraction
+        for name, figures in tests.items():
+            full = study == "ablation" or fraction == 1.0
+            keys = [f"{name}_{job.variant}"] if full else []
+            if study == "paper" and name == "iid":
+                keys.append(f"learning_{100 * fraction:g}pc_{job.variant}")
+            for key in keys:
+                groups.setdefault(key, []).append(figures)
+                seeds.setdefault(key, set()).add(job.config.seed)
+    report = dict(still)
+    for key, rows in groups.items():
+        report |= {f"{key}_{figure}": value for figure, value in gather(rows).items()}
+        report[f"{key}_seeds"] = len(seeds[key])
+    report["seconds_of_training"] = sum(tests["iid"]["seconds"] for tests in done.values())
+    return report
+
+
+def _enough(data: Dataset, fraction: float) -> bool:
+    """Whether a share of the training grasps is enough to train on; small data sets have a shorter learning curve."""
+    return len(np.unique(data.split("train", fraction).samples["grasp_id"])) >= LEAST_GRASPS["train"]
+
+
+@click.command(cls=Messages)
+@click.argument("study", type=click.Choice(list(JOBS)))
+@click.option("--data", type=click.Path(path_type=Path, file_okay=False, exists=True), required=True)
+@click.option("--build", type=click.Path(path_type=Path, file_okay=False), default=Path("build"), show_default=True)
+@click.option("--seeds", type=click.IntRange(1), default=5, show_default=True, help="Runs of each variant.")
+@click.option("--jobs", type=click.IntRange(1), default=None, help="Runs side by side.  [default: all cores]")
+def main(study: str, data: Path, build: Path, seeds: int, jobs: int | None) -> None:
+    """Run a study and write its figures to build/reports/STUDY.json, its tables to STUDY.md."""
+    folder, reports = build / "studies" / study, build / "reports"
+    waiting = [job for job in JOBS[study](seeds) if _enough(known(_data(data)), job.config.train_fraction)]
+    still = _still(_data(data)) if study == "paper" else {}
+    workers = min(len(waiting), jobs or len(os.sched_getaffinity(0)))
+    done: dict[Job, dict[str, Figures]] = {}
+    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
+        futures = {pool.submit(_run, study, job, folder, data, k % workers): job for k, job in enumerate(waiting)}
+        for future in as_completed(futures):
+            done[futures[future]] = future.result()
+            report = summarise(study, done, still)
+            write_json(reports / f"{study}.json", report | {"runs": len(done), "runs_planned": len(waiting)})
+    text = write_tables(study, json.loads((reports / f"{study}.json").read_text()), reports)
+    click.echo(f"\n{text}\nfigures: {reports / f'{study}.json'}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,157 @@
+"""`aminn_model.c/.h`: the model as constant tables for flash.
+
+Designated initialisers, hexadecimal float literals (exact), no time stamp: the same checkpoint gives the same bytes.
+All names start with the prefix, so that several models link into one image.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aminn.hand.dims import INPUT_SHAPES, N_BRANCH, N_CONTACT_FEATURE, N_COORD, N_JOINT, N_WRENCH, OUTPUT_SHAPES
+from aminn_base.files import write_atomically
+from aminn_base.read import AnyPath
+
+from .c_names import check_prefix
+from .known_answer import answered
+from .layout import FORMAT_VERSION, NAME_ROOM, SCALARS, STAGE_SCALARS, Layout, Table, default_name
+from .packing import KnownAnswer, content_crc
+from .ranges import STATE_FIELDS
+from .tables import STAGES, Exported
+
+_VALUES_PER_LINE = 6
+# Numbers, not the header's macros: a runtime of other dimensions must see that the model is not for it.
+_DIMS = {
+    "n_branch": N_BRANCH,
+    "n_coord": N_COORD,
+    "n_joint": N_JOINT,
+    "n_contact_feature": N_CONTACT_FEATURE,
+    "n_wrench": N_WRENCH,
+}
+_WIDTHS = ("contact_width", "width", "classifier_width")
+
+
+def float_literal(value: np.float32 | float) -> str:
+    """Exact C99 literal of a finite float32: 0x1.99999ap-4f."""
+    v = float(np.float32(value))
+    if v == 0:
+        return "-0.0f" if np.signbit(v) else "0.0f"
+    mantissa, exponent = v.hex().split("p")
+    return f"{mantissa.rstrip('0').rstrip('.') if '.' in mantissa else mantissa}p{exponent}f"
+
+
+def _symbol(prefix: str, table: Table) -> str:
+    return "_".join(part for part in (prefix, table.owner, table.field) if part)
+
+
+def _array(name: str, values: NDArray[np.floating]) -> str:
+    half = values.dtype == np.float16
+    words = [f"0x{v:04x}u" for v in values.view(np.uint16)] if half else [float_literal(v) for v in values]
+    lines = [", ".join(words[i : i + _VALUES_PER_LINE]) for i in range(0, len(words), _VALUES_PER_LINE)]
+    kind = "uint16_t" if half else "float"
+    return f"static const {kind} {name}[{len(words)}] = {{\n    " + ",\n    ".join(lines) + "};\n"
+
+
+def _stage(prefix: str, layout: Layout, i: int) -> list[str]:
+    lines = [f".{name} = {float_literal(layout.stage_scalars[name][i])}," for name in STAGE_SCALARS]
+    return lines + [f".{t.field} = {_symbol(prefix, t)}," for t in layout.tables if t.owner == STAGES[i]]
+
+
+def _braced(values: NDArray[np.float32]) -> str:
+    """An initialiser with the nesting of the array's shape."""
+    if not values.ndim:
+        return float_literal(float(values))
+    return "{" + ", ".join(_braced(v) for v in values) + "}"
+
+
+def _members(row: NDArray[np.float32], shapes: dict[str, tuple[int, ...]]) -> list[str]:
+    """Initialisers of a struct's arrays that stand one behind the other in a row."""
+    lines, at = [], 0
+    for name, shape in shapes.items():
+        size = int(np.prod(shape))
+        lines.append(f".{name} = {_braced(row[at : at + size].reshape(shape))},")
+        at += size
+    return lines
+
+
+def _known_answer(name: str, answer: KnownAnswer) -> str:
+    outputs = answer.output.view(np.float32)
+    state = _members(answer.state, {field: INPUT_SHAPES[field] for field in STATE_FIELDS})
+    output = _members(outputs, OUTPUT_SHAPES | {"condition": ()})
+    output += [f".stable = {answer.output[-2]}, .notes = {answer.output[-1]}u,"]
+    structs = ["{\n        " + "\n        ".join(lines) + "\n    }" for lines in (state, output)]
+    return (
+        f"static const aminn_known_answer_t {name} = {{\n    .state = {structs[0]},\n    .output = {structs[1]},\n}};\n"
+    )
+
+
+def _bytes(digest: bytes) -> str:
+    return "{" + ", ".join(f"0x{byte:02x}" for byte in digest) + "}"
+
+
+def _model(prefix: str, layout: Layout, answer: KnownAnswer) -> str:
+    lines = [f".format_version = {FORMAT_VERSION}u,", f".content_crc = 0x{content_crc(layout, answer):08x}u,"]
+    lines += [f".{name} = {value}u," for name, value in _DIMS.items()]
+    lines += [f".{name} = {width}u," for name, width in zip(_WIDTHS, layout.widths, strict=True)]
+    lines += [f".dq0 = AMINN_DQ0_{layout.dq0.upper()},", f".weight_type = AMINN_WEIGHTS_{layout.weights.upper()},"]
+    lines += [f".stages_crc = 0x{answer.stages_crc:08x}u,"]
+    lines += [f".{name} = {float_literal(layout.scalars[name])}," for name in SCALARS]
+    lines += [f".checkpoint_sha256 = {_bytes(layout.sha256)},", f".data_sha256 = {_bytes(layout.data_sha256)},"]
+    lines += [f'.{kind} = "{text}",' for kind, text in zip(NAME_ROOM, layout.names, strict=True)]
+    lines += [f".{t.field} = {_symbol(prefix, t)}," for t in layout.tables if not t.owner]
+    lines += [f".known_answer = &{prefix}_known_answer,"]
+    stages = ["{\n        " + "\n        ".join(_stage(prefix, layout, i)) + "\n    }" for i in range(len(STAGES))]
+    lines += [".stage = {" + ", ".join(stages) + "},"]
+    return f"const aminn_model_t {prefix} = {{\n    " + "\n    ".join(lines) + "\n};\n"
+
+
+def _header(prefix: str, layout: Layout) -> str:
+    guard = f"{prefix.upper()}_H"
+    return f"""\
+/* Generated by aminn export from checkpoint {layout.sha256.hex()}. Do not edit. */
+#ifndef {guard}
+#define {guard}
+
+#include "aminn_rt.h"
+
+#if AMINN_MAX_WIDTH < {max(layout.widths)}
+#error "this model needs AMINN_MAX_WIDTH >= {max(layout.widths)}, in the library too"
+#endif
+
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
+extern const aminn_model_t {prefix};
+
+#ifdef __cplusplus
+}}
+#endif
+
+#endif
+"""
+
+
+def c_model_texts(exported: Exported, prefix: str = "aminn_model") -> tuple[str, str]:
+    """(source, header) of a model."""
+    check_prefix(prefix)
+    layout, answer = answered(exported)
+    if "name" not in exported.meta:
+        layout = layout._replace(names=(default_name(prefix), *layout.names[1:]))
+    first = f"/* Generated by aminn export from checkpoint {layout.sha256.hex()}. Do not edit. */\n"
+    arrays = "\n".join(_array(_symbol(prefix, t), t.values) for t in layout.tables)
+    arrays += "\n" + _known_answer(f"{prefix}_known_answer", answer)
+    source = f'{first}#include "{prefix}.h"\n\n{arrays}\n{_model(prefix, layout, answer)}'
+    return source, _header(prefix, layout)
+
+
+def write_c_model(exported: Exported, out_dir: AnyPath, prefix: str = "aminn_model") -> list[Path]:
+    """Write PREFIX.c and PREFIX.h into out_dir; returns their paths. Raises AminnError if the model does not fit."""
+    source, header = c_model_texts(exported, prefix)
+    paths = [Path(out_dir) / f"{prefix}.c", Path(out_dir) / f"{prefix}.h"]
+    for path, text in zip(paths, (source, header), strict=True):
+        write_atomically(path, text.encode())
+    return paths

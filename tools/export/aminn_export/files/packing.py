@@ -1,0 +1,77 @@
+"""The bytes of `aminn_model.bin` from a model's layout and its known answer (docs/model-format.md)."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aminn.hand.dims import N_BRANCH, N_CONTACT_FEATURE, N_COORD, N_JOINT, N_WRENCH
+
+from .layout import DQ0_CODES, FORMAT_VERSION, SCALARS, STAGE_SCALARS, WEIGHT_CODES, Layout, Table
+
+MAGIC = 0x4D4E4D41  # "AMNM"
+DIMS = (N_BRANCH, N_COORD, N_JOINT, N_CONTACT_FEATURE, N_WRENCH)
+TABLE_ALIGNMENT = 64
+"""Each table begins at a multiple of it, counted from the blob's start."""
+HEAD = struct.Struct("<4I")  # magic, format version, size, CRC-32 of what follows
+# CRC-32 of the content; dimensions, widths, dq0 and weights, CRC-32 of the known stages, scalars; SHA-256 of checkpoint
+# and data set; stage scalars; name, hand, made by
+BODY = struct.Struct("<I5I3I2II4f32s32s6f56s56s40s")
+N_OUTPUT_WORDS = 49
+"""Of `aminn_output_t`."""
+
+
+@dataclass(frozen=True)
+class KnownAnswer:
+    """A state and what the runtime makes of it (`aminn_known_answer_t`)."""
+
+    state: NDArray[np.float32]
+    """Fields of `aminn_state_t` (44)."""
+    output: NDArray[np.uint32]
+    """Words of `aminn_output_t` (49): 47 floats, then stable and notes."""
+    stages_crc: int
+    """CRC-32 of both stages' `aminn_stage_debug_t`."""
+
+    @property
+    def words(self) -> bytes:
+        """The struct's bytes, little endian."""
+        return self.state.astype("<f4").tobytes() + self.output.astype("<u4").tobytes()
+
+
+def room(n_bytes: int) -> int:
+    """What a table of so many bytes takes of the blob."""
+    return -(-n_bytes // TABLE_ALIGNMENT) * TABLE_ALIGNMENT
+
+
+def _little_endian(table: Table) -> bytes:
+    return table.values.astype(table.values.dtype.newbyteorder("<")).tobytes()
+
+
+def _numbers(layout: Layout, answer: KnownAnswer) -> bytes:
+    codes = (DQ0_CODES[layout.dq0], WEIGHT_CODES[layout.weights])
+    scalars = [float(layout.scalars[name]) for name in SCALARS]
+    return struct.pack("<5I3I2II4f", *DIMS, *layout.widths, *codes, answer.stages_crc, *scalars)
+
+
+def content_crc(layout: Layout, answer: KnownAnswer) -> int:
+    """CRC-32 of what the runtime computes with (`aminn_model_t.content_crc`): the same for every form of the model."""
+    stages = zip(*(layout.stage_scalars[name] for name in STAGE_SCALARS), strict=True)
+    eps = b"".join(struct.pack("<3f", *map(float, stage)) for stage in stages)
+    tables = b"".join(_little_endian(table) for table in layout.tables)
+    return zlib.crc32(_numbers(layout, answer) + layout.sha256 + layout.data_sha256 + eps + tables + answer.words)
+
+
+def pack(layout: Layout, answer: KnownAnswer) -> bytes:
+    """The blob."""
+    eps = [float(v) for name in STAGE_SCALARS for v in layout.stage_scalars[name]]
+    body = struct.pack("<I", content_crc(layout, answer)) + _numbers(layout, answer)
+    body += layout.sha256 + layout.data_sha256 + struct.pack("<6f", *eps)
+    body += struct.pack("56s56s40s", *(text.encode() for text in layout.names))
+    assert len(body) == BODY.size
+    for values in (*map(_little_endian, layout.tables), answer.words):
+        body += values.ljust(room(len(values)), b"\0")
+    return HEAD.pack(MAGIC, FORMAT_VERSION, HEAD.size + len(body), zlib.crc32(body)) + body

@@ -1,0 +1,1 @@
+"""What is right: tolerances, verdicts, verification, fidelity, speed."""

@@ -1,0 +1,45 @@
+"""Weights in half the flash: float16, with what that costs in accuracy.
+
+Only the weight matrices are stored in float16; the runtime turns each into the float32 of the same value and computes
+as before. The ONNX model gets the same rounded values, so all files of an export still agree with each other.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aminn_base.errors import AminnError
+
+from ..files.bin_model import BinModel
+from ..files.tables import Exported
+from ..samples.reference import Reference
+from .verify import dx_figures
+
+LARGEST = float(np.finfo(np.float16).max)
+
+
+def float16_model(exported: Exported) -> BinModel:
+    """The model with its weights rounded to float16. Raises AminnError where one is too large for it."""
+    tensors = {}
+    for name, value in exported.tensors.items():
+        if name.endswith("_w"):
+            if np.abs(value).max(initial=0.0) > LARGEST:
+                raise AminnError(f"export: {name} holds a weight beyond {LARGEST:g}, the largest float16; keep float32")
+            value = value.astype(np.float16).astype(np.float32)
+        tensors[name] = value
+    return BinModel(dict(exported.meta) | {"weights": "float16"}, tensors)
+
+
+def rounding_error(exact: Exported, rounded: Exported, inputs: dict[str, NDArray[np.float32]]) -> dict[str, float]:
+    """What the rounding of the weights changes in the float64 outputs, on the given samples."""
+    a, b = Reference(exact)(inputs), Reference(rounded)(inputs)
+    tau = float(exact.meta["tau"])
+    figures = dx_figures(b["dx_ht"], a["dx_ht"])
+    return {
+        "dx_relative_median": float(figures["dx_relative_median"]),
+        "dx_relative_p99": float(figures["dx_relative_p99"]),
+        "dx_relative_max": float(figures["dx_relative_max"]),
+        "p_stable_max": float(np.abs(a["p_stable"] - b["p_stable"]).max()),
+        "decisions_different": float(((a["p_stable"] >= tau) != (b["p_stable"] >= tau)).sum()),
+    }

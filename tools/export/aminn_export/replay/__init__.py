@@ -1,0 +1,1 @@
+"""Programs that repeat predictions: host builds, emulated targets, boards on a serial line, other ONNX engines."""

@@ -1,0 +1,153 @@
+"""The machines and compilers that the runtime is replayed on: what to build, and how to run it.
+
+A hosted target is the library's sources, an exported model and `aminn_replay` in one program, run on this machine or in
+qemu's user mode. A board is a firmware image in qemu. Each turns a vector file into a result file; if all is well they
+all write the same bytes.
+"""
+
+from __future__ import annotations
+
+import functools
+import re
+import shutil
+import subprocess
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from aminn_base.errors import AminnError
+
+from .firmware import BOARDS, build_firmware, run_firmware
+from .runtime_place import REPLAY_SOURCES
+
+RUNTIME = Path(__file__).resolve().parents[4] / "runtime"
+DEBIAN_PACKAGES = "clang-14 qemu-user g++-aarch64-linux-gnu g++-riscv64-linux-gnu g++-powerpc-linux-gnu"
+TIMEOUT_S = 1800
+
+
+@dataclass(frozen=True)
+class Hosted:
+    """A compiler, its options, and the program that runs what it makes ("" for this machine)."""
+
+    compiler: str
+    flags: str
+    emulator: str = ""
+
+    @property
+    def cxx(self) -> str:
+        """The C++ compiler that belongs to the C compiler."""
+        return self.compiler.replace("gcc", "g++").replace("clang", "clang++")
+
+
+HOSTED = {
+    "x86_64_gcc_O0": Hosted("gcc", "-O0"),
+    "x86_64_gcc_O2": Hosted("gcc", "-O2"),
+    "x86_64_gcc_O3": Hosted("gcc", "-O3"),
+    "x86_64_gcc_O3_avx2_fma": Hosted("gcc", "-O3 -mavx2 -mfma"),
+    "x86_64_gcc_O3_scalar": Hosted("gcc", "-O3 -DAMINN_RT_SCALAR"),
+    "x86_64_clang_O0": Hosted("clang-14", "-O0"),
+    "x86_64_clang_O2": Hosted("clang-14", "-O2"),
+    "x86_64_clang_O3": Hosted("clang-14", "-O3"),
+    "x86_64_clang_O3_avx2_fma": Hosted("clang-14", "-O3 -mavx2 -mfma"),
+    "aarch64_gcc_O2": Hosted("aarch64-linux-gnu-gcc", "-O2", "qemu-aarch64"),
+    "riscv64_gcc_O2": Hosted("riscv64-linux-gnu-gcc", "-O2", "qemu-riscv64"),
+    "powerpc_gcc_O2": Hosted("powerpc-linux-gnu-gcc", "-O2", "qemu-ppc"),
+}
+# The library as CMake builds it for x86-64, which asks the processor for its widest core: this machine's, and those of
+# processors that qemu stands in for.
+DISPATCHED = {
+    "x86_64_library": "",
+    "x86_64_library_avx2": "qemu-x86_64 -cpu Haswell",
+    "x86_64_library_sse2": "qemu-x86_64 -cpu Nehalem",
+}
+TARGETS = (*HOSTED, *DISPATCHED, *BOARDS)
+
+
+def run(command: list[str], what: str) -> str:
+    """Output of a program. Raises AminnError with what it said if it failed or is not there."""
+    if shutil.which(command[0]) is None:
+        raise AminnError(f"{command[0]} is not installed; on Debian: apt-get install {DEBIAN_PACKAGES}")
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S)
+    except subprocess.TimeoutExpired as error:
+        raise AminnError(f"{what}: no end after {TIMEOUT_S} s") from error
+    if done.returncode:
+        raise AminnError(f"{what} failed with exit code {done.returncode}: {(done.stderr or done.stdout).strip()}")
+    return done.stdout
+
+
+@functools.cache
+def own_options() -> tuple[str, ...]:
+    """The project's own options of the library, but for warnings and what is for firmware alone."""
+    text = (RUNTIME / "cmake" / "options.cmake").read_text()
+    lists = re.findall(r"^set\(AMINN_RT_(\w+)[^\n]*\n([^)]*)\)", text, re.MULTILINE)
+    return tuple(option for name, options in lists if name != "EMBEDDED" for option in options.split())
+
+
+def build_hosted(target: Hosted, model_dir: Path, prefix: str, build_dir: Path) -> Path:
+    """Compile library, model and replay program; returns the program."""
+    build_dir.mkdir(parents=True, exist_ok=True)
+    include = [f"-I{RUNTIME / 'include'}", f"-I{model_dir}"]
+    model = [f'-DAMINN_REPLAY_HEADER="{prefix}.h"', f"-DAMINN_REPLAY_MODEL={prefix}"]
+    flags = target.flags.split()
+    jobs = [
+        [target.cxx, "-std=c++17", *own_options(), *flags, *include, "-c", str(s)]
+        for s in (RUNTIME / "src").glob("*.cpp")
+    ]
+    c_sources = [model_dir / f"{prefix}.c", *(RUNTIME / "tools" / name for name in REPLAY_SOURCES)]
+    jobs += [[target.compiler, "-std=c99", *flags, *model, *include, "-c", str(s)] for s in c_sources]
+    objects = []
+    for job in jobs:
+        objects.append(str(build_dir / (Path(job[-1]).stem + ".o")))
+        run([*job, "-o", objects[-1]], f"compiling {Path(job[-1]).name} with {job[0]} {target.flags}")
+    program = build_dir / "aminn_replay"
+    static = ["-static"] if target.emulator else []
+    run([target.compiler, *static, *objects, "-lm", "-o", str(program)], f"linking with {target.compiler}")
+    return program
+
+
+def build_library(build_dir: Path) -> Path:
+    """Build library and tools by CMake; returns the replay program, which takes a binary model."""
+    run(["cmake", "-S", str(RUNTIME), "-B", str(build_dir), "-DCMAKE_BUILD_TYPE=Release"], "cmake")
+    run(["cmake", "--build", str(build_dir), "--target", "aminn_replay"], "building the library")
+    return build_dir / "aminn_replay"
+
+
+def _check_self_test(text: str, name: str) -> None:
+    """Raises AminnError unless the replay program found the library sound; a board's image stops by itself."""
+    found = re.search(r"self-test (\w+)", text)
+    if found is None or found[1] != "AMINN_OK":
+        raise AminnError(f"{name}: the library's self-test says {found[1] if found else 'nothing'}")
+
+
+def replay(name: str, model_dir: Path, prefix: str, vectors: Path, work: Path) -> tuple[Path, dict[str, int]]:
+    """Build target `name` with the C model PREFIX of `model_dir` and replay a vector file on it, in the folder `work`.
+
+    Returns the result file and the target's own figures (of boards: stack, instructions). Raises AminnError where
+    something is missing, does not compile, or fails.
+    """
+    if name not in TARGETS:
+        raise AminnError(f"no target {name!r}; there are {', '.join(TARGETS)}")
+    work.mkdir(parents=True, exist_ok=True)
+    out = work / "results.bin"
+    if name in BOARDS:
+        image = build_firmware(model_dir, work / "build", prefix, name)
+        return out, run_firmware(image, vectors, out, name)
+    if name in DISPATCHED:
+        command = [*DISPATCHED[name].split(), str(build_library(work / "build")), str(model_dir / f"{prefix}.bin")]
+        _check_self_test(run([*command, str(vectors), str(out)], f"replaying on {name}"), name)
+        return out, {}
+    target = HOSTED[name]
+    program = build_hosted(target, model_dir, prefix, work)
+    emulator = [target.emulator] if target.emulator else []
+    _check_self_test(run([*emulator, str(program), str(vectors), str(out)], f"replaying on {name}"), name)
+    return out, {}
+
+
+def replay_all(
+    names: tuple[str, ...], model_dir: Path, prefix: str, vectors: Path, work: Path, jobs: int
+) -> dict[str, tuple[Path, dict[str, int]]]:
+    """`replay` on several targets, `jobs` at a time."""
+    with ThreadPoolExecutor(jobs) as pool:
+        futures = {name: pool.submit(replay, name, model_dir, prefix, vectors, work / name) for name in names}
+        return {name: future.result() for name, future in futures.items()}

@@ -1,0 +1,1 @@
+"""Inputs and the outputs that they must give: reference model, vector files, golden and adversarial samples."""

@@ -1,0 +1,1 @@
+"""Data sets: reading and splitting them, where they come from, sensor regimes."""

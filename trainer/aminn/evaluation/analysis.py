@@ -1,0 +1,193 @@
+"""Where a model is right and where it is not: figures by load, tool and tendon regime, what its springs and gates mean,
+and what noisy sensors do to it. Everything returns flat keys, for the reports."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..data.dataset import Dataset
+from ..hand.closure import closure, fingertips
+from ..hand.dims import LENGTH_SCALE_M, N_JOINT
+from ..hand.nominal import nominal_from_hand
+from ..model.checkpoint import Checkpoint
+from .evaluate import Prediction, figures_of, learned
+from .metrics import auroc, pose_error, pose_size
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+MAGNITUDE_EDGES_N = (0.5, 2.0, 8.0)
+DIRECTIONS = ("force_x", "force_y", "force_z", "moment_x", "moment_y", "moment_z")
+BREAKDOWN_FIGURES = (
+    "f1", "rmse_pose_all", "relative_error_median_all", "relative_error_p90_all", "ece", "passivity_violation_full"
+)  # fmt: skip
+NOISE_FACTORS = (0.5, 1.0, 2.0)
+SLID_M = 0.5e-3
+"""A contact that slides further has slipped."""
+SMALL_LOADS = 0.1
+"""Share of the load cases that counts as the small-load regime."""
+
+
+def load_size(w_e: Array) -> Array:
+    """Size (n) of loads (n, 6) in N, moments divided by 0.1 m."""
+    return np.hypot(np.linalg.norm(w_e[:, :3], axis=1), np.linalg.norm(w_e[:, 3:], axis=1) / LENGTH_SCALE_M)
+
+
+def groups(data: Dataset) -> Iterator[tuple[str, Mask]]:
+    """(name, mask) of every group of load cases: by size and direction of the load, by tool, by tendon regime."""
+    w = data.samples["w_e"]
+    size, edges = load_size(w), (0.0, *MAGNITUDE_EDGES_N, np.inf)
+    for k in range(len(edges) - 1):
+        yield f"load{k}", (size >= edges[k]) & (size < edges[k + 1])
+    main = np.abs(w / np.repeat([1.0, LENGTH_SCALE_M], 3)).argmax(1)
+    for k, name in enumerate(DIRECTIONS):
+        yield name, main == k
+    family = data.grasps["tool_family"][data.grasp_rows()]
+    for k, name in enumerate(data.manifest["tool_families"]):
+        yield f"tool_{name}", family == k
+    slack = (~data.taut()).sum(1)
+    yield from (("tendons_taut", slack == 0), ("tendons_slack_1", slack == 1), ("tendons_slack_more", slack > 1))
+
+
+def breakdown(prediction: Prediction, data: Dataset) -> dict[str, float]:
+    """`<group>_<figure>` for every group that has load cases, errors over all truly stable ones."""
+    figures: dict[str, float] = {}
+    for name, mask in groups(data):
+        if not mask.any():
+            continue
+        inside = Prediction(
+            prediction.name,
+            prediction.dx[mask],
+            prediction.stable[mask],
+            None if prediction.p_stable is None else prediction.p_stable[mask],
+        )
+        found = figures_of(inside, data.take(mask))
+        figures |= {f"{name}_{key}": found[key] for key in BREAKDOWN_FIGURES if key in found}
+        figures[f"{name}_n"] = int(mask.sum())
+    return figures
+
+
+def turned(r: Array, rotvec: Array) -> Array:
+    """Vectors r (..., 3) turned by rotation vectors (..., 3)."""
+    angle = np.linalg.norm(rotvec, axis=-1, keepdims=True)
+    axis = rotvec / np.maximum(angle, 1e-12)
+    along = (axis * r).sum(-1, keepdims=True) * axis
+    return along + np.cos(angle) * (r - along) + np.sin(angle) * np.cross(axis, r)
+
+
+def contact_slip(data: Dataset) -> Array:
+    """How far each contact slid by the end of the load (n, 3), m: what the tool's point and the finger's point at the
+    contact before the load are apart in its tangent plane afterwards, the finger as its joint angles say."""
+    s, nominal = data.samples, nominal_from_hand(data.manifest["hand"])
+    contacts, dx = s["contacts"], s["dx_ht"]
+    r = contacts[..., 1:4] - s["x_ht"][:, None, :3]
+    tool = s["x_ht"][:, None, :3] + dx[:, None, :3] + turned(r, dx[:, None, 3:])
+    gap = tool - fingertips(nominal, s["q"], s["q_after"], contacts[..., 1:4])
+    normal = contacts[..., 4:7]
+    return contacts[..., 0] * np.linalg.norm(gap - (gap * normal).sum(-1, keepdims=True) * normal, axis=-1)
+
+
+def squared_error_shares(prediction: Prediction, data: Dataset) -> dict[str, float]:
+    """Which share of the stable cases' squared error each group carries: where RMSE_pose is made."""
+    s = data.samples
+    stable = s["stable"] > 0
+    squares = np.where(stable, pose_error(prediction.dx, s["dx_ht"]) ** 2, 0.0)
+    figures = {f"error_share_{name}": float(squares[mask].sum() / squares.sum()) for name, mask in groups(data)}
+    moving = stable & (pose_size(s["dx_ht"]) >= 0.08)
+    figures["error_share_large_motions"] = float(squares[moving].sum() / squares.sum())
+    figures["large_motions_share"] = float(moving.sum() / stable.sum())
+    slid = stable & (contact_slip(data).max(1) > SLID_M)
+    figures["error_share_slid"] = float(squares[slid].sum() / squares.sum())
+    figures["slid_share"] = float(slid.sum() / stable.sum())
+    figures["rmse_pose_not_slid"] = float(np.sqrt(squares[stable & ~slid].mean()))
+    return figures
+
+
+def gate_figures(prediction: Prediction, data: Dataset) -> dict[str, float]:
+    """Predicted engagement against the simulated tendons, over the branches of truly stable cases."""
+    if prediction.gate is None:
+        return {}
+    stable = data.samples["stable"] > 0
+    taut, gate = data.taut()[stable], prediction.gate[stable]
+    return {
+        "gate_auroc": auroc(gate.ravel(), taut.ravel()),
+        "gate_taut_share": float(taut.mean()),
+        "gate_mean_taut": float(gate[taut].mean()),
+        "gate_mean_slack": float(gate[~taut].mean()) if (~taut).any() else float("nan"),
+    }
+
+
+def compliance_figures(prediction: Prediction, data: Dataset) -> dict[str, float]:
+    """Predicted against simulated compliance where the hand is linear: stable cases of the smallest loads.
+
+    A load case tells K_x along its own wrench: the compliance is w.dx / |w|^2. Beside it the error of the whole motion.
+    """
+    s = data.samples
+    size = load_size(s["w_e"])
+    small = (size <= np.quantile(size, SMALL_LOADS)) & (s["stable"] > 0)
+    w, true, dx = (v[small] for v in (s["w_e"], s["dx_ht"], prediction.dx))
+    work, predicted = (w * true).sum(1), (w * dx).sum(1)
+    moved = pose_error(dx, true) / np.maximum(pose_size(true), 1e-9)
+    error = np.abs(predicted - work) / np.maximum(np.abs(work), 1e-15)
+    return {
+        "small_load_n": int(small.sum()),
+        "small_load_max_N": float(size[small].max()) if small.any() else float("nan"),
+        "small_load_compliance_error_median": float(np.median(error)) if small.any() else float("nan"),
+        "small_load_relative_error_median": float(np.median(moved)) if small.any() else float("nan"),
+    }
+
+
+@dataclass(frozen=True)
+class SensorNoise:
+    """Standard deviations of what a hand measures."""
+
+    joint_rad: float = 0.01
+    """Of each joint angle."""
+    force: float = 0.02
+    """Of the wrench, as a share of its force and of its moment, and of the contacts' normal forces."""
+    force_N: float = 0.02
+    """The same, absolute; moments: times 0.02 m."""
+    contact_m: float = 0.001
+    """Of each coordinate of a contact point."""
+    normal_rad: float = 0.05
+    """Of a contact normal's direction."""
+
+    def scaled(self, factor: float) -> SensorNoise:
+        """Noise `factor` times as large."""
+        return SensorNoise(**{name: factor * value for name, value in vars(self).items()})
+
+
+def with_noise(data: Dataset, noise: SensorNoise, seed: int = 0) -> Dataset:
+    """The samples as noisy sensors would give them; the closure follows from the noisy readings."""
+    rng, s = np.random.default_rng(seed), dict(data.samples)
+    n = len(data)
+    s["q"] = s["q"] + noise.joint_rad * rng.normal(size=(n, N_JOINT))
+    w, parts = s["w_e"].copy(), ((slice(0, 3), noise.force_N), (slice(3, 6), 0.02 * noise.force_N))
+    for part, absolute in parts:
+        size = np.linalg.norm(w[:, part], axis=1, keepdims=True)
+        w[:, part] += (noise.force * size + absolute) * rng.normal(size=(n, 3)) / np.sqrt(3)
+    c = s["contacts"].copy()
+    touching = c[..., 0] > 0
+    c[..., 1:4] += touching[..., None] * noise.contact_m * rng.normal(size=(*touching.shape, 3))
+    tilted = c[..., 4:7] + noise.normal_rad * rng.normal(size=(*touching.shape, 3)) / np.sqrt(2)
+    unit = tilted / np.maximum(np.linalg.norm(tilted, axis=-1, keepdims=True), 1e-9)
+    c[..., 4:7] = np.where(touching[..., None], unit, c[..., 4:7])
+    c[..., 7] = np.maximum(c[..., 7] * (1 + noise.force * rng.normal(size=touching.shape)), 0) * touching
+    s["w_e"], s["contacts"] = w, c
+    s["j_x"], s["j_q"] = closure(nominal_from_hand(data.manifest["hand"]), s["q"], s["x_ht"], c)
+    return Dataset(data.manifest, s, data.grasps, data.noise, data.selection)
+
+
+def noise_figures(checkpoint: Checkpoint, data: Dataset) -> dict[str, float]:
+    """Figures with sensor noise of 0.5, 1 and 2 times `SensorNoise`: `noise<factor>_<figure>`."""
+    figures: dict[str, float] = {}
+    for factor in NOISE_FACTORS:
+        noisy = with_noise(data, SensorNoise().scaled(factor))
+        found = figures_of(learned(checkpoint, noisy, "noisy"), data)
+        kept = ("f1", "rmse_pose", "relative_error_median", "relative_error_p90", "ece")
+        figures |= {f"noise{factor:g}_{key}": found[key] for key in kept}
+    return figures

@@ -1,0 +1,290 @@
+"""Figures of trained models on a split, beside the analytical model, no motion and the labels themselves."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from aminn_base.errors import AminnError
+
+from ..data.dataset import Dataset
+from ..data.origin import check_hand, same_configuration, states_of, training_set
+from ..hand.nominal import nominal_from_hand
+from ..model.checkpoint import Checkpoint
+from ..model.config import ModelConfig
+from ..model.network import Backbone, scaled_pose
+from .metrics import (
+    COLUMNS,
+    all_figures,
+    calibration_figures,
+    choose_tau,
+    displacement_figures,
+    f1_score,
+    pose_error,
+    pose_size,
+    violation_rate,
+)
+from .predict import predict
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """One model's outputs on a split."""
+
+    name: str
+    dx: Array  # (n, 6)
+    stable: NDArray[np.bool_]  # (n,)
+    p_stable: Array | None = None  # (n,), of models that give a probability
+    gate: Array | None = None  # (n, 3), of AMINN
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Figures and the predictions that they were taken from."""
+
+    split: str
+    table: dict[str, dict[str, float]]
+    """Model name -> figures of `metrics.all_figures`."""
+    labels: dict[str, float]
+    """The ground truth's own figures: stable share, passivity, noise floor."""
+    predictions: dict[str, Prediction]
+    data: Dataset
+    notes: tuple[str, ...] = ()
+    """What must be said beside the figures."""
+
+
+BASELINES = {"analytical": "analytical", "no_motion": "no motion", "label": "ground truth"}
+"""What stands beside the runs in every table, and how pages call it. No run has one of these names."""
+KIND_NAMES = {"aminn": "AMINN", "mlp": "MLP"}
+
+
+def names_of(checkpoints: list[Checkpoint]) -> list[str]:
+    """A row's name for each run: its kind, or its folder where a kind stands more than once.
+
+    As much of the folder's path as tells them apart; "run NAME" where a baseline or a kind has that name already.
+    Raises AminnError for a run that is given twice.
+    """
+    places = [c.path.resolve() for c in checkpoints]
+    if len(set(places)) < len(places):
+        raise AminnError(f"{max(places, key=places.count)}: this run is given twice; give each run once")
+    kinds = [c.model.kind for c in checkpoints]
+    shared = [place for place, kind in zip(places, kinds, strict=True) if kinds.count(kind) > 1]
+    taken = {_key(text) for names in (BASELINES, KIND_NAMES) for pair in names.items() for text in pair}
+    names: list[str] = []
+    for place, kind in zip(places, kinds, strict=True):
+        name = _tail(place, shared) if place in shared else kind
+        if place in shared and _key(name) in taken - {kind}:
+            name = f"run {name}"
+        while _key(name) in map(_key, names):
+            name += "_"
+        names.append(name)
+    return names
+
+
+def _tail(place: Path, others: list[Path]) -> str:
+    """The end of a folder's path that no other has."""
+    for n in range(1, len(place.parts)):
+        tail = place.parts[-n:]
+        if sum(other.parts[-n:] == tail for other in others) == 1:
+            break
+    return "/".join(tail)
+
+
+def _key(name: str) -> str:
+    """A name as part of a flat key."""
+    return re.sub(r"\W+", "_", name).lower()
+
+
+def learned(checkpoint: Checkpoint, data: Dataset, name: str) -> Prediction:
+    """A trained cascade at its own tau."""
+    out = predict(checkpoint.model, data)
+    stable = out["p_stable"].astype(np.float32) >= np.float32(checkpoint.meta["tau"])
+    return Prediction(name, out["dx_ht"], stable, out["p_stable"], out.get("gate"))
+
+
+def analytical(data: Dataset, validation: Dataset, config: ModelConfig | None = None) -> Prediction:
+    """Nominal springs, tendons taut, nothing learned.
+
+    Calls a grasp stable when the predicted motion is below a bound chosen on validation data by the same rule as tau.
+    """
+    config = config or ModelConfig()
+    backbone = Backbone(config, config.mechanics[1], nominal_from_hand(data.manifest["hand"]))
+
+    def motion(part: Dataset) -> tuple[Array, Array]:
+        with torch.no_grad():
+            dx = backbone.nominal_response(part.inputs()).dx
+        return dx.double().numpy(), -scaled_pose(dx).norm(dim=1).double().numpy()
+
+    dx_v, score_v = motion(validation)
+    error_v = pose_error(dx_v, validation.samples["dx_ht"])
+    bound = choose_tau(score_v, validation.samples["stable"] > 0, error_v)
+    dx, score = motion(data)
+    return Prediction("analytical", dx, score >= bound)
+
+
+def no_motion(data: Dataset) -> Prediction:
+    """Every grasp holds and nothing moves."""
+    return Prediction("no_motion", np.zeros((len(data), 6)), np.ones(len(data), bool))
+
+
+def label_figures(data: Dataset) -> dict[str, float]:
+    """The labels' own figures: stable share, passivity, and what simulating again with other settings changes."""
+    s = data.samples
+    stable = s["stable"] > 0
+    figures = {
+        "n_samples": len(data),
+        "n_grasps": len(np.unique(s["grasp_id"])),
+        "stable_share": float(stable.mean()),
+        "motion_rms": float(np.sqrt(np.mean(pose_size(s["dx_ht"][stable]) ** 2))),
+        "motion_median_mm": 1e3 * float(np.median(np.linalg.norm(s["dx_ht"][stable][:, :3], axis=1))),
+        "passivity_violation_translational": violation_rate(s["w_e"], s["dx_ht"], stable, False),
+        "passivity_violation_full": violation_rate(s["w_e"], s["dx_ht"], stable, True),
+    }
+    return figures | noise_floor(data)
+
+
+def noise_floor(data: Dataset) -> dict[str, float]:
+    """How far the labels agree with themselves: half the time step, and (`impratio_`) another impedance ratio.
+
+    Errors are over the cases that hold both times, `flipped` is the share of those that hold once.
+    """
+    s, figures = data.samples, {}
+    again = np.flatnonzero(s["noise_row"] >= 0)
+    rows = s["noise_row"][again]
+    for setting, prefix in (("half_step", "noise_floor_"), ("impratio", "noise_floor_impratio_")):
+        held = data.noise[f"stable_{setting}"][rows] > 0
+        both = held & (s["stable"][again] > 0)
+        errors = displacement_figures(data.noise[f"dx_{setting}"][rows][both], s["dx_ht"][again][both])
+        kept = ("rmse_pose", "relative_error_median", "relative_error_p90")
+        figures |= {prefix + name: errors[name] for name in kept}
+        figures[prefix + "n"] = int(both.sum())
+        flips = held != (s["stable"][again] > 0)
+        figures[prefix + "flipped"] = float(flips.mean()) if len(flips) else float("nan")
+        figures[prefix + "f1"] = f1_score(held, s["stable"][again] > 0)
+    return figures
+
+
+def evaluate(
+    checkpoints: list[Checkpoint], dataset: Dataset, split: str = "test", trained_on: Dataset | None = None
+) -> Evaluation:
+    """Figures on one split of `dataset`.
+
+    More grasps of the data that a model was trained on are welcome: they do not move between splits. Data of another
+    configuration or seed are noted; `trained_on`, the data set of the training, then says which of its grasps are
+    among them, and these are left out. Raises AminnError for data of another hand, for a split without a load case, and
+    where none of its cases is stable.
+    """
+    notes = []
+    for checkpoint in checkpoints:
+        check_hand(checkpoint, dataset)
+        if not same_configuration(checkpoint, dataset):
+            notes.append(f"{checkpoint.path} was trained on data of another configuration or seed")
+    data = dataset.split(split)
+    if notes and trained_on is None:
+        notes.append(f"its training grasps may stand in this {split} split; give --trained-on to leave them out")
+    elif trained_on is not None:
+        data, left_out = _without_training(checkpoints, data, trained_on)
+        notes.append(f"{left_out} load cases of training grasps are left out")
+    for name, part in ((split, data), ("validation", dataset.split("validation"))):
+        if not len(part):
+            raise AminnError(f"the {name} split is empty; simulate more grasps")
+        if not (part.samples["stable"] > 0).any():
+            raise AminnError(
+                f"none of the {len(part)} load cases of the {name} split is stable, and figures are over stable ones; "
+                "simulate more grasps, or smaller loads"
+            )
+    return replace(compare(checkpoints, data, dataset.split("validation"), split), notes=tuple(notes))
+
+
+def _without_training(checkpoints: list[Checkpoint], data: Dataset, trained_on: Dataset) -> tuple[Dataset, int]:
+    """`data` without grasps that a model was trained or chosen on, and how many load cases those are."""
+    seen = np.zeros(len(data), bool)
+    for checkpoint in checkpoints:
+        used = training_set(checkpoint, trained_on)
+        for part in ("train", "validation"):
+            seen |= np.isin(states_of(data), states_of(used.split(part)))
+    return data.take(~seen), int(seen.sum())
+
+
+def compare(checkpoints: list[Checkpoint], data: Dataset, validation: Dataset, name: str) -> Evaluation:
+    """Figures on all samples of `data`; `validation` is where the analytical model takes its bound from."""
+    predictions = [learned(c, data, name) for c, name in zip(checkpoints, names_of(checkpoints), strict=True)]
+    predictions += [analytical(data, validation), no_motion(data)]
+    table = {p.name: figures_of(p, data) for p in predictions}
+    return Evaluation(name, table, label_figures(data), {p.name: p for p in predictions}, data)
+
+
+def figures_of(p: Prediction, data: Dataset) -> dict[str, float]:
+    """Every figure of one model's predictions on `data`."""
+    s = data.samples
+    stable = s["stable"] > 0
+    figures = all_figures(s["w_e"], s["dx_ht"], stable, p.dx, p.stable)
+    return figures | (calibration_figures(p.p_stable, stable) if p.p_stable is not None else {})
+
+
+def flat_report(evaluation: Evaluation) -> dict[str, float | str]:
+    """The evaluation as flat keys, `<model>_<figure>` and `label_<figure>`; NaN where there is nothing to average.
+
+    Raises AminnError where names of two runs are such that their keys are the same.
+    """
+    report: dict[str, float | str] = {"split": evaluation.split, "notes": "; ".join(evaluation.notes)}
+    for name, figures in (*evaluation.table.items(), ("label", evaluation.labels)):
+        for key, value in figures.items():
+            whole = f"{_key(name)}_{key}"
+            if whole in report:
+                raise AminnError(f"two figures are both called {whole}; rename the folder of the run {name}")
+            report[whole] = value
+    return report
+
+
+def truth(evaluation: Evaluation) -> dict[str, float]:
+    """The ground truth's row of the table: its noise floor as error, and its own passivity."""
+    labels = evaluation.labels
+    return {
+        "rmse_pose": labels["noise_floor_rmse_pose"],
+        "relative_error_median": labels["noise_floor_relative_error_median"],
+        "passivity_violation_translational": labels["passivity_violation_translational"],
+        "passivity_violation_full": labels["passivity_violation_full"],
+    }
+
+
+def format_table(evaluation: Evaluation) -> str:
+    """The table that the commands print."""
+    rows = [["model", *(c.title for c in COLUMNS.values())], ["", *(c.unit for c in COLUMNS.values())]]
+    for name, figures in evaluation.table.items():
+        rows.append([name, *_cells(figures)])
+    own = truth(evaluation)
+    rows.append(["ground truth", *_cells(own)])
+    return "\n".join([format_columns(rows), *evaluation.notes])
+
+
+def _cells(figures: dict[str, float]) -> list[str]:
+    """A row of the table; a dash where there is no number."""
+    return [c.form.format(figures[k]) if np.isfinite(figures.get(k, np.nan)) else "-" for k, c in COLUMNS.items()]
+
+
+def align_columns(rows: list[list[str]]) -> list[str]:
+    """Rows of cells as lines; the first column is flush left, the others right."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  ".join([row[0].ljust(widths[0]), *map(str.rjust, row[1:], widths[1:])]) for row in rows]
+
+
+def format_columns(rows: list[list[str]]) -> str:
+    """Rows of cells, the first two of them headings, as text with a rule under the headings."""
+    lines = align_columns(rows)
+    return "\n".join([*lines[:2], "-" * len(lines[0]), *lines[2:]])
+
+
+def training_grasps_in(dataset: Dataset, split: str) -> int:
+    """Number of grasps of `split` that training has seen, by number or by state (q, x_ht)."""
+    part, train = dataset.split(split), dataset.split("train")
+    same_id = np.intersect1d(part.samples["grasp_id"], train.samples["grasp_id"])
+    same_state = {s.tobytes() for s in states_of(part)} & {s.tobytes() for s in states_of(train)}
+    return max(len(same_id), len(same_state))

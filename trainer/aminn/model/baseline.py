@@ -1,0 +1,88 @@
+"""The black box to compare with: a cascade of two MLPs with AMINN's inputs, budget, schedule and seeds.
+
+Each stage has as many trainable parameters as AMINN's stage, within 2 %. It has the same care too: normalised inputs,
+the wrench also in signed logarithm, outputs in units of the data's spread.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from ..hand.dims import N_BRANCH, N_CONTACT_INPUT, N_GLOBAL_INPUT, N_WRENCH
+from ..hand.nominal import Nominal
+from .network import (
+    CONTACT_SPREAD,
+    GLOBAL_SPREAD,
+    ModelConfig,
+    Normaliser,
+    Stage1,
+    Stage2,
+    contact_input,
+    global_input,
+)
+
+# All that AMINN sees. The translation columns of J_x are identities times the contact flag, which is there already.
+LEVER_SPREAD = (0.005,) * (N_BRANCH * 3 * 3)  # m
+N_INPUT = N_CONTACT_INPUT + N_GLOBAL_INPUT + len(LEVER_SPREAD)
+
+
+def n_parameters(module: nn.Module) -> int:
+    """Trainable parameters."""
+    return sum(p.numel() for p in module.parameters() if p.requires_grad)
+
+
+def width_for(budget: int, n_out: int) -> int:
+    """Hidden width whose MLP has the parameter count nearest to `budget`."""
+
+    def count(width: int) -> int:
+        return (N_INPUT + 1) * width + (width + 1) * width + (width + 1) * n_out
+
+    return min(range(1, 1024), key=lambda width: abs(count(width) - budget))
+
+
+class MlpStage(nn.Module):
+    """Two hidden layers; the output is a logit, or a displacement in units of the training data's spread."""
+
+    def __init__(self, config: ModelConfig, budget: int, n_out: int) -> None:
+        super().__init__()
+        width = width_for(budget, n_out)
+        self.register_buffer("wrench_log_scale", torch.tensor(config.wrench_log_scale))
+        self.register_buffer("out_scale", torch.ones(n_out))
+        self.norm = Normaliser(N_INPUT)
+        self.hidden1 = nn.Linear(N_INPUT, width)
+        self.hidden2 = nn.Linear(width, width)
+        self.out = nn.Linear(width, n_out)
+
+    def network_input(self, x: dict[str, Tensor]) -> Tensor:
+        """(N, 104)."""
+        state = global_input(x["q"], x["x_ht"], x["w_e"], self.wrench_log_scale)
+        lever = x["j_x"][..., 3:].flatten(1)  # (N, 27)
+        return torch.cat([contact_input(x["contacts"], x["j_q"]), state, lever], -1)
+
+    def fit_normalisers(self, x: dict[str, Tensor]) -> None:
+        """Take the normalisation constants from training inputs."""
+        self.norm.fit(self.network_input(x), CONTACT_SPREAD + GLOBAL_SPREAD + LEVER_SPREAD)
+
+    def forward(self, x: dict[str, Tensor]) -> Tensor:
+        hidden = torch.relu(self.hidden1(self.norm(self.network_input(x))))  # (N, width)
+        return self.out(torch.relu(self.hidden2(hidden))) * self.out_scale  # (N, n_out)
+
+
+class Mlp(nn.Module):
+    """The cascade: stage 1 gives a logit, stage 2 a displacement."""
+
+    kind = "mlp"
+
+    def __init__(self, config: ModelConfig, nominal: Nominal) -> None:
+        super().__init__()
+        self.config, self.nominal = config, nominal
+        self.stage1 = MlpStage(config, n_parameters(Stage1(config, nominal)), 1)
+        self.stage2 = MlpStage(config, n_parameters(Stage2(config, nominal)), N_WRENCH)
+
+    def forward(
+        self, q: Tensor, x_ht: Tensor, w_e: Tensor, contacts: Tensor, j_x: Tensor, j_q: Tensor
+    ) -> dict[str, Tensor]:
+        """p_stable (N), dx_ht (N, 6)."""
+        x = dict(q=q, x_ht=x_ht, w_e=w_e, contacts=contacts, j_x=j_x, j_q=j_q)
+        return {"p_stable": torch.sigmoid(self.stage1(x).squeeze(-1)), "dx_ht": self.stage2(x)}

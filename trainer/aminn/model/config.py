@@ -1,0 +1,237 @@
+"""Configuration of a training run: dataclasses with a docstring a field, TOML files, and `key=value` overrides.
+
+The field docstrings are the one description of a setting: `aminn train --print-config` prints them beside the values,
+in a form that `--config` reads back. Values are checked where they are made: a wrong one is refused before any work.
+"""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, field, fields, is_dataclass
+from difflib import get_close_matches
+from functools import partial
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    TypeAdapter,
+    ValidationError,
+)
+from pydantic.dataclasses import dataclass as checked_dataclass
+
+from aminn_base.errors import AminnError
+from aminn_base.read import AnyPath, read_toml
+
+from ..hand.dims import N_WRENCH
+
+Width = Annotated[int, Field(gt=0, le=4096)]
+Scale = Annotated[float, Field(gt=0, le=1e9)]
+Weight = Annotated[float, Field(ge=0, le=1e9)]
+CHECKS = ConfigDict(extra="forbid", use_attribute_docstrings=True, allow_inf_nan=False)
+settings = partial(checked_dataclass, frozen=True, config=CHECKS)
+
+
+@settings
+class MechanicsConfig:
+    """Constants of the mechanics layer."""
+
+    eps_m: Scale = 1e-5
+    """Isotropic contact compliance added to every branch, m/N. It also bounds the conditioning in float32."""
+    learn_eps_m: bool = True
+    """Take eps_m as a start and learn it, one value a stage."""
+    eps_kx: Scale = 1e-3
+    """Stiffness added to the diagonal of K_x: N/m for translation, N.m/rad for rotation. It bounds the conditioning."""
+    eps_jq: Scale = 1e-3
+    """Regularisation of J_q in the "inverse" form of dq0, m/rad."""
+    dq0: Literal["statics", "inverse"] = "statics"
+    """How pass 1 finds the joint deflection: "statics" (K^-1 B^T force) or "inverse" (of J_q, as in the paper)."""
+
+
+MECHANICS = (MechanicsConfig(eps_kx=1e-2), MechanicsConfig())
+"""Of stage 1 and stage 2. Stage 1 asks whether the tool stays, not how far it turns about a contact that lets it."""
+
+
+def _pair(value: object) -> object:
+    """One set of constants stands for both stages, a list of two in it for each; what is missing is the stage's own."""
+    if isinstance(value, MechanicsConfig):
+        return (value, value)
+    if isinstance(value, Mapping):
+        value = [{k: _of_stage(v, i) for k, v in value.items()} for i in range(len(MECHANICS))]
+    if isinstance(value, list) and len(value) == len(MECHANICS) and all(isinstance(v, Mapping) for v in value):
+        return [asdict(stage) | v for stage, v in zip(MECHANICS, value, strict=True)]
+    return value
+
+
+def _of_stage(value: object, stage: int) -> object:
+    return value[stage] if isinstance(value, list) and len(value) == len(MECHANICS) else value
+
+
+def _wrench_scale(value: tuple[float, ...]) -> tuple[float, ...]:
+    if len(value) != N_WRENCH or min(value) <= 0:
+        raise ValueError(f"must be {N_WRENCH} positive numbers")
+    return value
+
+
+@settings
+class ModelConfig:
+    """Sizes and constants of a cascade."""
+
+    contact_width: Width = 32
+    """Width of the contact summary."""
+    width: Width = 64
+    """Width of the trunk."""
+    classifier_width: Width = 32
+    """Width of the hidden layer of stage 1's classifier."""
+    heads: Literal["correction", "free"] = "correction"
+    """Zero head outputs give the hand's nominal springs and tendons, or ("free") the same springs for every hand."""
+    heads_see_wrench: bool = True
+    """Springs and tendons may depend on the load, not on the grasp alone."""
+    soft_finger: bool = False
+    """Contacts resist twisting about their normals (for hands with soft fingertips); not exported."""
+    slip: bool = False
+    """Contacts soften along their tangent planes where pass 1 uses up their friction; not exported."""
+    log_range: Annotated[float, Field(gt=0, le=20)] = 2.0
+    """Cholesky diagonals, gains and alpha stay within exp(+-log_range) of their nominal values."""
+    wrench_log_scale: Annotated[tuple[float, ...], AfterValidator(_wrench_scale)] = (0.1, 0.1, 0.1, 0.005, 0.005, 0.005)
+    """Where the signed logarithm of the wrench turns from linear to logarithmic: N and N.m."""
+    displacement_log_scale: Scale = 1e-3
+    """The same for the displacement that stage 1's classifier sees, m (rotations times 0.1 m)."""
+    gate_nominal: tuple[float, float, float] = (20.0, 0.05, 2.0)
+    """alpha (1/rad), scale of beta (rad) and rho of an untrained gate: taut under pretension."""
+    mechanics: Annotated[tuple[MechanicsConfig, MechanicsConfig], BeforeValidator(_pair)] = MECHANICS
+    """The layer's constants for stage 1 and stage 2; one table stands for both, a list of two is one for each."""
+
+
+@settings
+class LossWeights:
+    """Weights of the stage 2 loss."""
+
+    translation: Weight = 1.0
+    """On |dp error| / 0.1 m."""
+    rotation: Weight = 1.0
+    """On the geodesic angle, rad."""
+    relative: Scale = 0.02
+    """Pose size above which an error counts by its share of the motion rather than by its size; 1e9: never."""
+    power: Annotated[float, Field(ge=1, le=2)] = 1.0
+    """Exponent of the error: 1 trains on its norm, 2 on its square."""
+    gate: Weight = 1e-4
+    """On mean g (1 - g): gates that are open or shut."""
+    engagement: Weight = 1e-3
+    """On the cross-entropy between gates and the simulated tendons, taut or slack."""
+    tendon: Weight = 1e-5
+    """On mean K_tendon^2, (N.m/rad)^2: no more tendon stiffness than the data asks for."""
+
+
+@settings
+class TrainConfig:
+    """One training run."""
+
+    kind: Literal["aminn", "mlp"] = "aminn"
+    """The model: the analytical-model-informed network or the black box of the same size."""
+    seed: Annotated[int, Field(ge=0, lt=2**64)] = 0
+    """Initial weights and order of the samples."""
+    epochs: Annotated[int, Field(gt=0, le=1_000_000)] = 60
+    """Passes over the data, for each stage."""
+    batch: Annotated[int, Field(gt=0, le=2**31 - 1)] = 256
+    """Samples a step."""
+    learning_rate: Scale = 8e-3
+    """Peak of the schedule: linear warm-up over the first 5 % of the steps, then a cosine to zero."""
+    weight_decay: Weight = 0.5
+    """AdamW's."""
+    gradient_clip: Scale = 1.0
+    """Largest norm of a step's gradient."""
+    divergence: Annotated[float, Field(gt=1)] = 1e3
+    """A step whose loss is so many times that of the stage's first step ends the run as diverged."""
+    mirror: bool = True
+    """Show each training sample as its mirror image half of the time; the hand's two fingers must mirror each other."""
+    train_fraction: Annotated[float, Field(gt=0, le=1)] = 1.0
+    """Share of the training grasps to learn from, for learning curves; smaller shares are part of larger ones."""
+    loss: LossWeights = field(default_factory=LossWeights)
+    """Weights of the stage 2 loss."""
+    model: ModelConfig = field(default_factory=ModelConfig)
+    """Sizes and constants of the network and its mechanics layer."""
+
+
+def build_config(cls: type, values: Mapping[str, Any], source: str = "configuration") -> Any:
+    """A configuration from plain values. Raises AminnError with the key, what is wrong, and what may stand there."""
+    try:
+        return TypeAdapter(cls).validate_python(values)
+    except ValidationError as error:
+        found = dict.fromkeys(map(_complaint, error.errors()))  # a pair of stages complains twice
+        raise AminnError(f"{source}: " + "; ".join(found)) from None
+
+
+def _complaint(error: Any) -> str:
+    """One of pydantic's findings as a sentence; a pair of stages has one place in the name."""
+    place = ".".join(str(part) for part in error["loc"] if not isinstance(part, int))
+    if error["type"] in ("unexpected_keyword_argument", "extra_forbidden"):
+        known = [key for key, *_ in _walk(TrainConfig())]
+        near = get_close_matches(place, known, 1)
+        hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(known)}"
+        return f"{place} is no setting; {hint}"
+    return f"{place}: {error['msg'][0].lower()}{error['msg'][1:]}, not {error['input']!r}"
+
+
+def _set(values: dict, key: str, value: object) -> None:
+    """Put `value` at a dotted key of nested dictionaries."""
+    *tables, name = key.split(".")
+    for table in tables:
+        values = values.setdefault(table, {})
+        if not isinstance(values, dict):
+            raise AminnError(f"--set {key}: {table} is a single value, not a table")
+    values[name] = value
+
+
+def _parsed(text: str) -> object:
+    """A value as TOML writes it; anything else is taken as a string, so that names need no quotes."""
+    try:
+        return tomllib.loads(f"v = {text}")["v"]
+    except ValueError:  # TOMLDecodeError is one, a number of too many digits another
+        return text
+
+
+def load_config(file: AnyPath | None = None, overrides: Sequence[str] = (), **given: object) -> TrainConfig:
+    """Defaults, then the TOML `file`, then `given` fields that are not None, then "key=value" `overrides`."""
+    values: dict = {}
+    if file is not None:
+        values = read_toml(file)
+    values |= {key: value for key, value in given.items() if value is not None}
+    for override in overrides:
+        key, equals, text = override.partition("=")
+        if not equals or not key:
+            raise AminnError(f"--set {override}: expected key=value, as in loss.relative=0.05")
+        _set(values, key.strip(), _parsed(text.strip()))
+    return build_config(TrainConfig, values, str(file) if file and not overrides else "configuration")
+
+
+def _walk(config: Any, prefix: str = "") -> Iterator[tuple[str, Any, str]]:
+    """(dotted key, value, description) of every setting; where the stages differ, a list of both values."""
+    described = type(config).__pydantic_fields__
+    for f in fields(config):
+        value = getattr(config, f.name)
+        if f.name == "mechanics":
+            for both in zip(*(_walk(stage, f"{prefix}{f.name}.") for stage in value), strict=True):
+                (key, first, text), (_, second, _) = both
+                yield key, first if first == second else [first, second], text
+        elif is_dataclass(value):
+            yield from _walk(value, f"{prefix}{f.name}.")
+        else:
+            yield prefix + f.name, value, described[f.name].description or ""
+
+
+def as_toml(config: TrainConfig) -> str:
+    """The configuration as a TOML file with each setting's description above it."""
+    lines: list[str] = []
+    table = ""
+    for key, value, text in sorted(_walk(config), key=lambda item: item[0].count(".")):
+        head, _, name = key.rpartition(".")
+        if head != table:
+            lines += [f"[{head}]"]
+            table = head
+        lines += [f"# {' '.join(text.split())}", f"{name} = {json.dumps(value)}", ""]
+    return "\n".join(lines)

@@ -1,0 +1,111 @@
+"""A trained AMINN as a flat list of named tables: what the ONNX graph and the C runtime are written from."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aminn_base.errors import AminnError
+
+from ..hand.dims import BRANCH_JOINTS, BRANCHES, JOINTS, LENGTH_SCALE_M
+from .checkpoint import Checkpoint
+from .network import Backbone
+
+FORMAT_VERSION = 1
+# Table name -> name in the backbone's state.
+_BACKBONE = {
+    "contact_mean": "contact_norm.mean",
+    "contact_inv_std": "contact_norm.inv_std",
+    "global_mean": "global_norm.mean",
+    "global_inv_std": "global_norm.inv_std",
+} | {f"{layer}_{short}": f"{layer}.{long}" for layer in ("contact", "trunk1", "trunk2", "head")
+     for short, long in (("w", "weight"), ("b", "bias"))}  # fmt: skip
+_CLASSIFIER = {
+    "aux_mean": "aux_norm.mean",
+    "aux_inv_std": "aux_norm.inv_std",
+    "cls1_w": "cls1.weight",
+    "cls1_b": "cls1.bias",
+    "cls2_w": "cls2.weight",
+    "cls2_b": "cls2.bias",
+}
+_CONSTANTS = ("wrench_log_scale", "chol_nom", "tendon_dir_nom", "tendon_gain_nom", "gate_nom", "coord_mask")
+HAND_TABLES = ("chol_nom", "tendon_dir_nom", "tendon_gain_nom", "coord_mask", "geom_base", "geom_axis", "geom_link_a")
+"""What a hand is, for a model."""
+
+
+@dataclass(frozen=True)
+class ExportedModel:
+    """Everything that inference needs."""
+
+    meta: dict
+    """Scalars and names; floats are exact."""
+    tensors: dict[str, NDArray[np.float32]]
+    """Tables; weights are [out][in]. Names with "s1." or "s2." before them belong to a stage."""
+
+
+def _stage_tables(prefix: str, backbone: Backbone) -> dict[str, NDArray]:
+    state = backbone.state_dict()
+    return {prefix + name: state[key].numpy() for name, key in _BACKBONE.items()}
+
+
+def _check_exportable(checkpoint: Checkpoint) -> None:
+    """Raises AminnError for options that the exported forms do not have."""
+    config = checkpoint.model.config
+    extra = [name for name in ("soft_finger", "slip") if getattr(config, name)]
+    if not config.heads_see_wrench:
+        extra.append("heads_see_wrench = false")
+    if extra:
+        raise AminnError(f"{checkpoint.path}: {', '.join(extra)} is an option of the trainer alone; train without it")
+
+
+def _identity(checkpoint: Checkpoint, tensors: dict[str, NDArray[np.float32]]) -> dict[str, str]:
+    """Which hand and data set the model is of, where its training recorded them."""
+    hand = re.sub(r'[^ -~]|["\\?]', "-", str(checkpoint.meta.get("data", {}).get("hand", "hand")))[:46]
+    constants = b"".join(tensors[name].astype("<f4").tobytes() for name in HAND_TABLES)
+    identity = {"hand": f"{hand} {hashlib.sha256(constants).hexdigest()[:8]}"}
+    if "data_config_sha256" in checkpoint.meta:
+        identity["data_sha256"] = checkpoint.meta["data_config_sha256"]
+    return identity
+
+
+def export_tables(checkpoint: Checkpoint) -> ExportedModel:
+    """The tables of an AMINN checkpoint. Raises AminnError for another kind of model."""
+    model = checkpoint.model
+    if model.kind != "aminn":
+        raise AminnError(
+            f"{checkpoint.path}: a {model.kind} has no mechanics layer to export; give an aminn checkpoint"
+        )
+    tensors = _stage_tables("s1.", model.stage1.backbone) | _stage_tables("s2.", model.stage2.backbone)
+    classifier = model.stage1.state_dict()
+    tensors |= {"s1." + name: classifier[key].numpy() for name, key in _CLASSIFIER.items()}
+    constants = model.stage2.backbone.state_dict()
+    tensors |= {name: constants[name].numpy() for name in _CONSTANTS}
+    geometry = ("base", "axis", "link_a")
+    tensors |= {f"geom_{name}": np.asarray(getattr(model.nominal, name)) for name in geometry}
+    _check_exportable(checkpoint)
+    stages = [asdict(m) for m in model.config.mechanics]
+    for stage, part in zip(stages, (model.stage1, model.stage2), strict=True):
+        stage["eps_m"] = part.backbone.eps_m
+    if stages[0]["dq0"] != stages[1]["dq0"]:
+        raise AminnError(f"{checkpoint.path}: the stages differ in dq0; an exported model has one form for both")
+    tensors = {k: np.ascontiguousarray(v, np.float32) for k, v in tensors.items()}
+    meta = _identity(checkpoint, tensors) | {
+        "format_version": FORMAT_VERSION,
+        "branches": list(BRANCHES),
+        "joints": list(JOINTS),
+        "branch_joints": [list(row) for row in BRANCH_JOINTS],
+        "checkpoint_sha256": checkpoint.sha256,
+        "tau": float(np.float32(checkpoint.meta["tau"])),
+        "dq0": stages[0]["dq0"],
+        "length_scale": LENGTH_SCALE_M,
+        "log_range": model.config.log_range,
+        "displacement_log_scale": model.config.displacement_log_scale,
+        "contact_width": model.config.contact_width,
+        "width": model.config.width,
+        "classifier_width": model.config.classifier_width,
+    } | {name: [stage[name] for stage in stages] for name in ("eps_m", "eps_kx", "eps_jq")}
+    return ExportedModel(meta, tensors)

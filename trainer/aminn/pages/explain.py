@@ -1,0 +1,267 @@
+"""What the mechanics layer makes of one load case: springs, tendons and engagement of each finger, and the stiffness of
+the grasped tool with its principal compliances; as text and as a picture over the hand."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from aminn_base.errors import AminnError
+from aminn_base.files import write_atomically
+from aminn_base.read import AnyPath
+
+from ..data.dataset import Dataset
+from ..data.origin import check_hand, same_configuration
+from ..evaluation.metrics import pose_error, pose_size
+from ..hand.dims import BRANCHES, COORDS, LENGTH_SCALE_M
+from ..hand.nominal import CHOL_COLS, CHOL_ROWS
+from ..model.checkpoint import Checkpoint
+
+Array = NDArray[np.float64]
+PICTURES = (".png", ".svg", ".pdf")
+LEAST_SHARE, SHIFT_M, SPOKE_M, RING_M = 0.25, 0.05, 0.055, 0.011
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """One load case and what both stages say of it. Lengths in m, angles in rad, axes of the hand."""
+
+    sample: int
+    data: Dataset
+    p_stable: float
+    tau: float
+    stiffness: Array  # (3, 3, 3) joint stiffness K_s of each branch, N.m/rad
+    tendon: Array  # (3, 3) tendon direction, unit in branch coordinates
+    gain: Array  # (3,) tendon stiffness k_b, N.m/rad
+    gate: Array  # (3,) engagement in (0, 1)
+    stretch: Array  # (3,) eta_b = <dq0, d>, rad, what the gate is judged by
+    joint: Array  # (3, 3) joint deflection of pass 1, rad
+    k_x: Array  # (6, 6) stiffness, SI
+    dx: Array  # (6,) predicted motion
+    nominal_stiffness: Array  # (3, 3) diagonal of the nominal springs, N.m/rad
+    mask: Array  # (3, 3) 1 where a branch has the coordinate
+    of_training: bool = True  # whether the model was trained on data of this configuration and seed
+
+    def row(self, name: str) -> Array:
+        """A field of the load case."""
+        return np.asarray(self.data.samples[name][self.sample], float)
+
+    def principal(self) -> tuple[Array, Array]:
+        """Principal compliances (6), m/N, largest first, and their directions (6, 6) as columns.
+
+        Of K_x with lengths divided by 0.1 m: a direction is (translation, rotation times 0.1 m) and has length 1.
+        """
+        s = np.repeat([1.0, 1.0 / LENGTH_SCALE_M], 3)
+        values, vectors = np.linalg.eigh(self.k_x * s[:, None] * s)
+        return 1 / values, vectors * np.sign(vectors[np.abs(vectors).argmax(0), range(6)])
+
+    def flat(self) -> dict[str, float | int]:
+        """The numbers as flat keys."""
+        found: dict[str, float | int] = {"sample": self.sample, "p_stable": self.p_stable, "tau": self.tau}
+        for b, branch in enumerate(BRANCHES):
+            found |= {f"{branch}_gate": float(self.gate[b]), f"{branch}_tendon_gain_Nm_rad": float(self.gain[b])}
+            found[f"{branch}_stretch_rad"] = float(self.stretch[b])
+            for i, coord in enumerate(COORDS):
+                if self.mask[b, i]:
+                    found[f"{branch}_{coord}_stiffness_Nm_rad"] = float(self.stiffness[b, i, i])
+                    found[f"{branch}_{coord}_tendon_direction"] = float(self.tendon[b, i])
+        compliances, directions = self.principal()
+        for k in range(6):
+            found[f"compliance{k}_m_N"] = float(compliances[k])
+            found |= {f"compliance{k}_direction{i}": float(directions[i, k]) for i in range(6)}
+        found |= {f"dx{i}": float(v) for i, v in enumerate(self.dx)}
+        return found
+
+
+def explain_sample(checkpoint: Checkpoint, data: Dataset, sample: int) -> Explanation:
+    """Both stages' view of load case number `sample`. Raises AminnError for another kind of model, hand or number."""
+    if checkpoint.model.kind != "aminn":
+        raise AminnError(f"{checkpoint.path}: a {checkpoint.model.kind} has no mechanics to explain; give an aminn run")
+    if not 0 <= sample < len(data):
+        raise AminnError(f"sample {sample} is not there: the data set has load cases 0 to {len(data) - 1}")
+    check_hand(checkpoint, data)
+    model, nominal = checkpoint.model, checkpoint.model.nominal
+    with torch.no_grad():
+        out = model.debug(**data.take(np.array([sample])).inputs())
+    value = {name: v[0].double().numpy() for name, v in out.items()}
+    lower = np.zeros((3, 3, 3))
+    lower[:, CHOL_ROWS, CHOL_COLS] = model.stage2.backbone.chol_nom.double().numpy()
+    return Explanation(
+        sample,
+        data,
+        float(value["p_stable"]),
+        float(checkpoint.meta["tau"]),
+        value["s2_k_spring"],
+        value["s2_tendon_dir"],
+        value["s2_tendon_gain"],
+        value["gate"],
+        (value["s2_dq0"] * value["s2_tendon_dir"]).sum(1),
+        value["s2_dq0"],
+        value["k_x"],
+        value["dx_ht"],
+        np.diagonal(lower @ lower.transpose(0, 2, 1), axis1=1, axis2=2),
+        nominal.coord_mask,
+        same_configuration(checkpoint, data),
+    )
+
+
+def _motion(dx: Array) -> str:
+    p, r = 1e3 * dx[:3], np.rad2deg(dx[3:])
+    return f"({p[0]:+.3f} {p[1]:+.3f} {p[2]:+.3f}) mm, ({r[0]:+.2f} {r[1]:+.2f} {r[2]:+.2f}) deg"
+
+
+def as_text(e: Explanation) -> str:
+    """The explanation for a terminal."""
+    w, true = e.row("w_e"), e.row("dx_ht")
+    held = bool(e.data.samples["stable"][e.sample])
+    lines = [
+        f"load case {e.sample}, grasp {int(e.data.samples['grasp_id'][e.sample])}",
+        f"  load        ({w[0]:+.2f} {w[1]:+.2f} {w[2]:+.2f}) N, ({w[3]:+.4f} {w[4]:+.4f} {w[5]:+.4f}) N.m",
+        f"  verdict     p_stable {e.p_stable:.3f}, threshold {e.tau:.3f}: "
+        f"{'holds' if e.p_stable >= e.tau else 'gives way'}; simulated: {'holds' if held else 'gives way'}",
+        f"  predicted   {_motion(e.dx)}",
+        f"  simulated   {_motion(true)}" + ("" if held else "  (gave way: the model is not trained on such motion)"),
+    ]
+    if not e.of_training:
+        lines.append("  data        of another configuration or seed than the model was trained on")
+    if held:
+        share = pose_error(e.dx[None], true[None])[0] / max(pose_size(true[None])[0], 1e-9)
+        lines.append(f"  error       {share:.1%} of the motion")
+    lines += ["", "fingers: joint stiffness (times nominal), tendon direction, tendon stiffness, stretch, engagement"]
+    for b, branch in enumerate(BRANCHES):
+        if e.row("contacts")[b, 0] == 0:
+            lines.append(f"  {branch:8} out of contact: it carries nothing")
+            continue
+        springs = ", ".join(
+            f"{coord} {e.stiffness[b, i, i]:.3f} N.m/rad ({e.stiffness[b, i, i] / e.nominal_stiffness[b, i]:.2f})"
+            for i, coord in enumerate(COORDS)
+            if e.mask[b, i]
+        )
+        direction = " ".join(f"{e.tendon[b, i]:+.2f}" for i in range(3) if e.mask[b, i])
+        state = "taut" if e.gate[b] > 0.8 else "slack" if e.gate[b] < 0.2 else "partly engaged"
+        lines += [
+            f"  {branch:8} {springs}",
+            f"           tendon ({direction}), {e.gain[b]:.3f} N.m/rad, "
+            f"stretched by {np.rad2deg(e.stretch[b]):+.2f} deg, engaged {e.gate[b]:.2f}: {state}",
+        ]
+    compliances, directions = e.principal()
+    lines += ["", "K_x: principal compliances, softest first; directions are (translation | rotation times 0.1 m)"]
+    for value, d in zip(compliances, directions.T, strict=True):
+        kind = "translation" if np.linalg.norm(d[:3]) > np.linalg.norm(d[3:]) else "rotation"
+        text = " ".join(f"{v:+.2f}" for v in d[:3]) + " | " + " ".join(f"{v:+.2f}" for v in d[3:])
+        lines.append(f"  {1e3 * value:8.4f} mm/N  ({text})  {kind}")
+    return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class SoftMotion:
+    """A principal motion of the tool as a picture shows it; lengths in m, axes of the hand."""
+
+    compliance: float  # m/N
+    shift: Array  # (3,) its share of translation
+    turn: Array  # (3,) its share of rotation, times 0.1 m
+    lines: tuple[Array, ...]  # (n, 3) each: one along the shift through the tool's origin; the turn's axis, with a ring
+    label_at: Array  # (3,)
+
+
+def softest(e: Explanation, count: int = 3) -> list[SoftMotion]:
+    """The motions that the grasp resists least, of all six, softest first; shares below a quarter are not drawn."""
+    from .grasp_picture import turning
+
+    compliances, directions = e.principal()
+    origin, motions = e.row("x_ht")[:3], []
+    for rank in range(count):
+        shift, turn = directions[:3, rank], directions[3:, rank]
+        lines: list[Array] = []
+        label_at = origin
+        if np.linalg.norm(turn) > LEAST_SHARE:
+            axis = turn / np.linalg.norm(turn)
+            lines += turning(axis, origin + SPOKE_M * axis, RING_M)
+            lines.append(np.stack([origin, origin + (SPOKE_M + RING_M) * axis]))
+            label_at = lines[-1][1]
+        if np.linalg.norm(shift) > LEAST_SHARE:
+            reach = SHIFT_M * shift
+            lines.append(np.stack([origin - reach, origin + reach]))
+            label_at = origin + reach if np.linalg.norm(shift) > np.linalg.norm(turn) else label_at
+        motions.append(SoftMotion(float(compliances[rank]), shift, turn, tuple(lines), label_at))
+    return motions
+
+
+def draw(e: Explanation, out: AnyPath) -> None:
+    """The picture: the hand with tool, engagement and springs at the fingers, the three softest motions at the tool.
+
+    Its kind is the name's ending, of a device or FIFO without one PNG.
+    """
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+
+    from .grasp_picture import BRANCH_COLOURS, LABEL, branch_points, draw_scene, load_legend, on_picture
+
+    out = Path(out)
+    kind = out.suffix or (".png" if out.exists() and not out.is_file() else "")
+    if kind not in PICTURES:
+        raise AminnError(f"{out}: pictures are written as {', '.join(PICTURES)}")
+    figure = Figure(figsize=(10.8, 5.6), dpi=130)
+    ax = figure.add_axes((0.0, 0.07, 0.62, 0.93), projection="3d", computed_zorder=True)
+    hand = e.data.manifest["hand"]
+    grasp = int(e.data.grasp_rows()[e.sample])
+    draw_scene(
+        ax,
+        hand,
+        e.row("q"),
+        e.row("x_ht"),
+        e.data.grasps["tool_geoms"][grasp],
+        np.asarray(e.data.grasps["tool_size_m"][grasp], float),
+        e.row("w_e"),
+        "springs, tendons and softest motions",
+    )
+    for rank, motion in enumerate(softest(e)):
+        for line in motion.lines:
+            x, y = on_picture(ax, line).T
+            ax.add_line(Line2D(x, y, color="#111111", linewidth=2.6 - 0.8 * rank, zorder=100))
+        at = on_picture(ax, motion.label_at[None])[0]
+        label = f"{rank + 1}: {1e3 * motion.compliance:.3g} mm/N"
+        ax.annotate(label, at, fontsize=8, ha="center", va="bottom", bbox=LABEL, zorder=101)
+    for b, colour in enumerate(BRANCH_COLOURS):
+        foot = on_picture(ax, branch_points(hand, b, e.row("q"))[:1])[0]
+        text = (
+            f"{BRANCHES[b]}\nengaged {e.gate[b]:.2f}" if e.row("contacts")[b, 0] > 0 else f"{BRANCHES[b]}\nno contact"
+        )
+        ax.annotate(text, foot, color=colour, fontsize=8, ha="center", va="top", bbox=LABEL, zorder=101)
+    bars = figure.add_axes((0.68, 0.6, 0.3, 0.32))
+    names = [(b, i) for b in range(3) for i in range(3) if e.mask[b, i]]
+    ratio = [e.stiffness[b, i, i] / e.nominal_stiffness[b, i] for b, i in names]
+    bars.bar(range(len(names)), ratio, color=[BRANCH_COLOURS[b] for b, _ in names])
+    bars.axhline(1, color="#777777", linewidth=0.8)
+    bars.set_yscale("log")
+    bars.set_ylim(min(0.4, 0.9 * min(ratio)), max(2.5, 1.1 * max(ratio)))
+    bars.set_yticks([0.5, 1, 2], ["0.5", "1", "2"])
+    bars.minorticks_off()
+    bars.set_xticks(range(len(names)), [f"{BRANCHES[b]}\n{COORDS[i]}" for b, i in names])
+    bars.set_title("joint stiffness, times nominal", fontsize=9, loc="left")
+    work = figure.add_axes((0.68, 0.12, 0.3, 0.34))
+    scaled = np.repeat([1e3, 1e3 * LENGTH_SCALE_M], 3)
+    at = np.arange(6)
+    work.bar(at - 0.2, scaled * e.dx, 0.4, color="#1f5fa8", label="predicted")
+    work.bar(at + 0.2, scaled * e.row("dx_ht"), 0.4, color="#111111", label="simulated")
+    work.axhline(0, color="#777777", linewidth=0.8)
+    work.set_xticks(at, ["x", "y", "z", "rot x", "rot y", "rot z"])
+    work.set_title("motion, mm (rotations times 0.1 m)", fontsize=9, loc="left")
+    work.legend(fontsize=7, frameon=False)
+    for panel in (bars, work):
+        panel.tick_params(labelsize=7)
+        for side in ("top", "right"):
+            panel.spines[side].set_visible(False)
+    bars.tick_params(axis="x", labelsize=5.5)
+    verdict = f"p_stable {e.p_stable:.3f} (threshold {e.tau:.3f})"
+    black = "Black, 1 to 3: what K_x resists least. A line: a shift along it; a ring: a turn about its axis."
+    text = f"Load case {e.sample}: {verdict}. {load_legend(e.row('w_e'))}\n{black}"
+    figure.text(0.02, 0.02, text, fontsize=8)
+    picture = io.BytesIO()
+    figure.savefig(picture, format=kind.removeprefix("."), facecolor="white")
+    write_atomically(out, picture.getvalue())

@@ -1,0 +1,1 @@
+"""Training that can be interrupted, and the card of what came out."""

@@ -1,0 +1,84 @@
+"""The model card: what a trained model is, from what, how good on validation data, where not to trust it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aminn_base.files import write_atomically
+
+from ..model.checkpoint import CARD, CARD_HASH, WEIGHTS, Checkpoint
+from ..model.config import TrainConfig, as_toml, build_config
+
+KINDS = {
+    "aminn": "AMINN, a network that predicts springs and tendons, and a statics layer that turns them into motion",
+    "mlp": "a cascade of two MLPs, the black box that AMINN is compared with",
+}
+# Figure of the validation split -> how the card names it.
+FIGURES = (
+    ("f1", "F1 of stable", "{:.3f}"),
+    ("precision", "precision", "{:.3f}"),
+    ("recall", "recall", "{:.3f}"),
+    ("auroc", "AUROC of p_stable", "{:.3f}"),
+    ("ece", "expected calibration error of p_stable", "{:.3f}"),
+    ("rmse_pose", "RMSE_pose, stable and predicted stable", "{:.4f}"),
+    ("rmse_mm", "RMSE, mm", "{:.2f}"),
+    ("rmse_deg", "RMSE, degrees", "{:.2f}"),
+    ("relative_error_median", "relative error, median", "{:.3f}"),
+    ("relative_error_p90", "relative error, 90th percentile", "{:.3f}"),
+    ("passivity_violation_full", "share with w.dx < 0", "{:.2%}"),
+)
+
+
+def write_card(checkpoint: Checkpoint) -> None:
+    """Write card.md beside the checkpoint. A run's folder may move, so the card names no place."""
+    write_atomically(checkpoint.path / CARD, _card(checkpoint).encode())
+
+
+def _card(checkpoint: Checkpoint) -> str:
+    meta, data = checkpoint.meta, checkpoint.meta["data"]
+    figures = meta["validation"]
+    rows = [f"| {text} | {form.format(figures[k])} |" for k, text, form in FIGURES if figures.get(k) is not None]
+    epochs = {stage: len(curves["validation"]) for stage, curves in meta["history"].items()}
+    best = {stage: 1 + int(np.argmin(curves["validation"])) for stage, curves in meta["history"].items()}
+    config = build_config(TrainConfig, meta["identity"]["config"])
+    return "\n".join(
+        [
+            f"# Model card: {meta['kind']}",
+            "",
+            f"{KINDS[meta['kind']]}. Given joint angles, tool pose, wrench, contacts and closure, it says whether the "
+            "grasp holds (`p_stable` against `tau`) and how far the tool moves in the hand (`dx_ht`).",
+            "",
+            "| | |",
+            "|---|---|",
+            f"| parameters | {meta['n_parameters']} |",
+            f"| threshold tau | {meta['tau']:.4f}, chosen on validation data |",
+            f"| weights | `{WEIGHTS}`, {CARD_HASH}: {checkpoint.sha256} |",
+            f"| hand | {data['hand']} |",
+            f"| simulator | {data['simulator']} |",
+            f"| data set | {meta['identity']['data_sha256']} |",
+            f"| trained on | {data['train_samples']} load cases of {data['train_grasps']} grasps |",
+            *(f"| best epoch of {stage} | {best[stage]} of {n} |" for stage, n in epochs.items()),
+            "",
+            f"## Figures on validation data ({data['validation_samples']} load cases of {data['validation_grasps']} "
+            "grasps)",
+            "",
+            "These chose the best epochs and tau; test figures come from `aminn evaluate`.",
+            "",
+            "| figure | value |",
+            "|---|---|",
+            *rows,
+            "",
+            "## Limits",
+            "",
+            "- One hand, simulated, quasi-static loads, point contacts: see the data set's manifest for the ranges.",
+            "- Friction is not an input. Where a contact slides, the motion is a guess around the training data's.",
+            "- Displacements are trained on stable cases: where `p_stable` is below tau, `dx_ht` means nothing.",
+            "",
+            "## Configuration",
+            "",
+            "```toml",
+            as_toml(config).rstrip(),
+            "```",
+            "",
+        ]
+    )

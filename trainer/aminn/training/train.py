@@ -1,0 +1,426 @@
+"""Train a cascade: stage 1 on every sample, stage 2 on the stable ones, then the threshold tau on validation data.
+
+Bytes depend on data, configuration and seed alone: arithmetic runs on one thread, and the order of the samples comes
+from a generator whose state is part of the run's state (`run_state`). An interrupted or killed run goes on from its
+last finished epoch and ends in the same bytes.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from tqdm import tqdm
+
+from aminn_base.errors import AminnError, OutdatedError, WriteError
+from aminn_base.lock import locked_folder
+from aminn_base.read import AnyPath
+
+from ..data.dataset import Dataset
+from ..evaluation.metrics import all_figures, calibration_figures, choose_tau, operating_curve, pose_error
+from ..evaluation.predict import predict
+from ..hand.dims import N_BRANCH, N_WRENCH
+from ..hand.nominal import nominal_from_hand
+from ..hand.symmetry import check_symmetric, mirror_inputs, mirror_targets
+from ..model.baseline import n_parameters
+from ..model.checkpoint import CARD, META, Checkpoint, build_model, load_checkpoint, save_checkpoint
+from ..model.config import LossWeights, TrainConfig
+from ..model.losses import pose_terms, structural_terms
+from ..model.network import Backbone
+from .card import write_card
+from .run_state import (
+    FILE,
+    RunState,
+    clear_run,
+    damaged,
+    differences,
+    load_run,
+    named,
+    optimiser_tensors,
+    restore_optimiser,
+    save_run,
+)
+
+# To be raised with every change of the trainer that changes what a run results in.
+TRAINING_VERSION = 4
+BOARD = "tensorboard"
+LEAST_GRASPS = {"train": 5, "validation": 2}
+Inputs = dict[str, Tensor]
+Terms = dict[str, Tensor]
+
+
+@dataclass(frozen=True)
+class _Stage:
+    """What the loop needs to know of a stage: `terms(inputs, targets)` are the loss's parts, averaged over a batch."""
+
+    name: str
+    module: nn.Module
+    terms: Callable[[Inputs, Tensor], Terms]
+    train: tuple[Inputs, Tensor]
+    validation: tuple[Inputs, Tensor]
+
+
+def _stage1_terms(module: nn.Module, kind: str) -> Callable[[Inputs, Tensor], Terms]:
+    def terms(x: Inputs, stable: Tensor) -> Terms:
+        logit = module(x)[0] if kind == "aminn" else module(x).squeeze(-1)
+        return {"cross-entropy": nn.functional.binary_cross_entropy_with_logits(logit, stable)}
+
+    return terms
+
+
+def _stage2_terms(module: nn.Module, kind: str, weights: LossWeights) -> Callable[[Inputs, Tensor], Terms]:
+    def terms(x: Inputs, y: Tensor) -> Terms:
+        dx, taut = y.split([N_WRENCH, N_BRANCH], -1)
+        if kind != "aminn":
+            return pose_terms(module(x), dx, weights)
+        pred, springs, response = module(x)
+        return pose_terms(pred, dx, weights) | structural_terms(springs, response, taut, weights)
+
+    return terms
+
+
+def _select(x: Inputs, index: Tensor) -> Inputs:
+    return {k: v[index] for k, v in x.items()}
+
+
+def _stages(model: nn.Module, config: TrainConfig, train: Dataset, validation: Dataset) -> list[_Stage]:
+    """Both stages with their data; fits the normalisation of a new model."""
+    data = []
+    for part in (train, validation):
+        x, stable = part.inputs(), torch.as_tensor(part.samples["stable"] > 0)
+        motion = np.hstack([part.samples["dx_ht"], part.taut()])  # (n, 6 + 3), what stage 2 is held against
+        data.append((x, stable, torch.as_tensor(motion, dtype=torch.float32)))
+    (x, stable, motion), (xv, stable_v, motion_v) = data
+    held, held_v = torch.nonzero(stable).squeeze(1), torch.nonzero(stable_v).squeeze(1)
+    stable_x = _select(x, held)
+    model.stage1.fit_normalisers(x)
+    model.stage2.fit_normalisers(stable_x)
+    if config.kind == "mlp":
+        model.stage2.out_scale.copy_(motion[held, :N_WRENCH].std(0))
+    stage1 = _stage1_terms(model.stage1, config.kind)
+    stage2 = _stage2_terms(model.stage2, config.kind, config.loss)
+    return [
+        _Stage("stage1", model.stage1, stage1, (x, stable.float()), (xv, stable_v.float())),
+        _Stage("stage2", model.stage2, stage2, (stable_x, motion[held]), (_select(xv, held_v), motion_v[held_v])),
+    ]
+
+
+def identity_of(config: TrainConfig, data_sha256: str) -> dict:
+    """What a run's result follows from, as JSON has it: trainer, configuration and data."""
+    return {
+        "training_version": TRAINING_VERSION,
+        "config": json.loads(json.dumps(asdict(config))),
+        "data_sha256": data_sha256,
+    }
+
+
+def _rate(progress: float) -> float:
+    """Share of the peak learning rate: linear warm-up over the first 5 %, then a cosine to zero; progress in [0, 1]."""
+    warm_up = 0.05
+    if progress < warm_up:
+        return progress / warm_up
+    return 0.5 * (1 + float(np.cos(np.pi * (progress - warm_up) / (1 - warm_up))))
+
+
+@contextmanager
+def _precision(module: nn.Module, dtype: torch.dtype) -> Iterator[None]:
+    """The mechanics layers of `module` compute in `dtype` within."""
+    layers = [m for m in module.modules() if isinstance(m, Backbone)]
+    for layer in layers:
+        layer.precision = dtype
+    try:
+        yield
+    finally:
+        for layer in layers:
+            layer.precision = torch.float64
+
+
+def _with_mirror_images(x: Inputs, y: Tensor) -> tuple[Inputs, Tensor]:
+    """The samples, then their mirror images in the same order."""
+    image = mirror_inputs(x)
+    return {k: torch.cat([v, image[k]]) for k, v in x.items()}, torch.cat([y, mirror_targets(y)])
+
+
+class _Loop:
+    """The optimisation of one stage; its state is what `RunState` keeps."""
+
+    def __init__(self, stage: _Stage, config: TrainConfig) -> None:
+        self.stage, self.config = stage, config
+        self.samples = _with_mirror_images(*stage.train) if config.mirror else stage.train
+        self.steps_an_epoch = -(-len(stage.train[1]) // config.batch)
+        settings = {"lr": config.learning_rate, "weight_decay": config.weight_decay}
+        self.optimiser = torch.optim.AdamW(stage.module.parameters(), **settings, fused=True)
+        total = config.epochs * self.steps_an_epoch
+        self.schedule = torch.optim.lr_scheduler.LambdaLR(self.optimiser, lambda step: _rate(step / total))
+        self.rng = torch.Generator()
+        self.best = {k: v.clone() for k, v in stage.module.state_dict().items()}
+        self.history: dict[str, list[float]] = {"train": [], "validation": []}
+        self.first_loss: float | None = None
+
+    def seed(self, index: int) -> None:
+        """Start the order of the samples of stage number `index`."""
+        self.rng.manual_seed(int(np.random.SeedSequence([self.config.seed, index]).generate_state(1)[0]))
+
+    def restore(self, state: RunState) -> None:
+        restore_optimiser(self.optimiser, state)
+        self.best, progress = state.part("best"), state.progress
+        self.schedule.load_state_dict(progress["schedule"])
+        for group, rate in zip(self.optimiser.param_groups, self.schedule.get_last_lr(), strict=True):
+            group["lr"] = rate
+        self.rng.set_state(state.tensors["rng"])
+        self.history = progress["history"][self.stage.name]
+        self.first_loss = progress["first_loss"]
+
+    def state(self, model: nn.Module, progress: dict) -> RunState:
+        """Everything that `restore` needs; `progress` has what is not the loop's own."""
+        schedule = {k: v for k, v in self.schedule.state_dict().items() if isinstance(v, int | float | bool | list)}
+        tensors = named("model", model.state_dict()) | named("best", self.best) | optimiser_tensors(self.optimiser)
+        return RunState(
+            tensors | {"rng": self.rng.get_state()},
+            progress | {"schedule": schedule, "first_loss": self.first_loss},
+        )
+
+    def epoch(self) -> None:
+        """One pass over the training data, then the validation loss; keeps the best weights."""
+        (x, y), n = self.samples, len(self.stage.train[1])
+        order = torch.randperm(n, generator=self.rng)
+        if self.config.mirror:
+            order = order + n * torch.randint(2, (n,), generator=self.rng)
+        total = 0.0
+        self.stage.module.train()
+        for index in order.split(self.config.batch):
+            total += self._step(_select(x, index), y[index]) * len(index)
+        self.history["train"].append(total / n)
+        self.stage.module.eval()
+        with torch.no_grad():
+            loss = self._checked(self.stage.terms(*self.stage.validation), "validation")
+        if loss < min(self.history["validation"], default=np.inf):
+            self.best = {k: v.clone() for k, v in self.stage.module.state_dict().items()}
+        self.history["validation"].append(loss)
+
+    def _step(self, x: Inputs, y: Tensor) -> float:
+        """One step of the optimiser; the loss before it."""
+        with _precision(self.stage.module, torch.float32):
+            terms, norm = self._gradient(x, y)
+        if not np.isfinite(norm):  # float32 can fail on a nearly singular branch where float64 does not
+            terms, norm = self._gradient(x, y)
+        loss = self._checked(terms, f"step {self.schedule.last_epoch + 1}", norm)
+        self.optimiser.step()
+        self.schedule.step()
+        return loss
+
+    def _gradient(self, x: Inputs, y: Tensor) -> tuple[Terms, float]:
+        """Loss terms and the norm of the gradient, which is left clipped in the parameters."""
+        self.optimiser.zero_grad()
+        terms = self.stage.terms(x, y)
+        sum(terms.values()).backward()
+        norm = nn.utils.clip_grad_norm_(self.stage.module.parameters(), self.config.gradient_clip)
+        return terms, float(norm)
+
+    def _checked(self, terms: Terms, where: str, norm: float = 0.0) -> float:
+        """The loss. Raises AminnError if it diverges, naming step and term."""
+        values = {name: term.item() for name, term in terms.items()}
+        loss = sum(values.values())
+        self.first_loss = loss if self.first_loss is None else self.first_loss
+        limit = self.config.divergence * self.first_loss
+        if np.isfinite(loss) and np.isfinite(norm) and loss <= limit:
+            return loss
+        bad = [name for name, value in values.items() if not np.isfinite(value)]
+        name = bad[0] if bad else max(values, key=values.__getitem__)
+        what = f"{name} is {values[name]:.3g}" if bad or loss > limit else f"the gradient of {name} is not finite"
+        raise AminnError(
+            f"{self.stage.name}, epoch {len(self.history['validation']) + 1}, {where}: the loss diverges, {what} "
+            f"(the first step's loss was {self.first_loss:.3g}); lower learning_rate or gradient_clip"
+        )
+
+
+def _progress_bar(title: str, done: int, epochs: int, position: int) -> tqdm:
+    live = sys.stderr.isatty()  # a log gets few lines, and no cursor moves
+    settings = {"mininterval": 0.5, "position": position} if live else {"mininterval": 10.0, "position": 0}
+    return tqdm(range(done, epochs), initial=done, total=epochs, desc=title, unit="epoch", **settings)
+
+
+class _Board:
+    """TensorBoard curves of a run, or nothing."""
+
+    def __init__(self, folder: Path | None, epochs_done: int) -> None:
+        self.writer = None
+        if folder is not None:
+            from torch.utils.tensorboard import SummaryWriter
+
+            with self._told(folder):
+                self.writer = SummaryWriter(folder, purge_step=epochs_done or None)
+
+    @contextmanager
+    def _told(self, folder: Path) -> Iterator[None]:
+        """Errors of the writer, which come whenever its thread has met them, name the folder."""
+        try:
+            yield
+        except OSError as error:
+            raise WriteError(folder, error.strerror or str(error)) from error
+
+    def epoch(self, loop: _Loop, epoch: int) -> None:
+        if self.writer is not None:
+            with self._told(Path(self.writer.log_dir)):
+                for part, values in loop.history.items():
+                    self.writer.add_scalar(f"{loop.stage.name}/{part}", values[-1], epoch)
+                self.writer.add_scalar(f"{loop.stage.name}/learning_rate", loop.schedule.get_last_lr()[0], epoch)
+
+    def close(self) -> None:
+        if self.writer is not None:
+            with self._told(Path(self.writer.log_dir)):
+                self.writer.close()
+
+
+def _check_parts(parts: dict[str, Dataset]) -> None:
+    for name, part in parts.items():
+        grasps, stable = len(np.unique(part.samples["grasp_id"])), int(part.samples["stable"].sum())
+        if grasps < LEAST_GRASPS[name]:
+            raise AminnError(
+                f"the {name} split has {grasps} grasps, training needs {LEAST_GRASPS[name]} or more: simulate more"
+            )
+        if stable == 0 or stable == len(part):
+            raise AminnError(
+                f"the {name} split has {stable} stable of {len(part)} samples; training needs both outcomes: "
+                "simulate more grasps"
+            )
+
+
+def _finished(out: Path, identity: dict) -> Checkpoint | None:
+    """The checkpoint in `out` if it is what this run would give. Raises AminnError if it is of another run."""
+    if not (out / META).is_file():
+        return None
+    checkpoint = load_checkpoint(out)
+    found = checkpoint.meta.get("identity", {})
+    if found != identity:
+        raise OutdatedError(
+            f"{out}: holds a model of another configuration or data set (it differs in "
+            f"{', '.join(differences(found, identity))}); remove the folder or give another one"
+        )
+    return checkpoint
+
+
+def train(
+    config: TrainConfig,
+    dataset: Dataset,
+    out: AnyPath,
+    bar_position: int = 0,
+    tensorboard: bool = False,
+) -> Checkpoint:
+    """Train on `dataset` and write the checkpoint and its model card to folder `out`.
+
+    Goes on with an unfinished run found there; a finished one of the same configuration and data is returned as is.
+    `bar_position` is the line of the progress bar, for runs side by side; `tensorboard` writes curves to
+    out/tensorboard. One process works in a folder at a time: InUseError names the other one.
+    """
+    out = Path(out)
+    parts = {"train": dataset.split("train", config.train_fraction), "validation": dataset.split("validation")}
+    _check_parts(parts)
+    identity = identity_of(config, dataset.sha256)
+    finished = _finished(out, identity)
+    if finished is not None:
+        return finished
+    torch.set_num_threads(1)
+    torch.manual_seed(config.seed)
+    nominal = nominal_from_hand(dataset.manifest["hand"])
+    if config.mirror:
+        check_symmetric(nominal)
+    model = build_model(config.kind, config.model, nominal)
+    stages = _stages(model, config, parts["train"], parts["validation"])
+    with locked_folder(out):
+        finished = _finished(out, identity)  # by another process meanwhile
+        if finished is not None:
+            return finished
+        resumed = load_run(out, identity)
+        history = _optimise(model, stages, config, out, identity, resumed, bar_position, tensorboard)
+        meta = _result(model, parts, dataset.manifest)
+        meta |= {"seed": config.seed, "identity": identity, "history": history}
+        (out / CARD).unlink(missing_ok=True)  # it would be held against the new files
+        save_checkpoint(out, model, meta)
+        checkpoint = load_checkpoint(out)
+        write_card(checkpoint)
+        clear_run(out)
+    return checkpoint
+
+
+@contextmanager
+def _whole_run(out: Path) -> Iterator[None]:
+    """Raises AminnError where what is done with the unfinished run in `out` finds something missing in it."""
+    try:
+        yield
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError, RuntimeError) as error:
+        raise damaged(out, error) from error
+
+
+def _optimise(
+    model: nn.Module,
+    stages: list[_Stage],
+    config: TrainConfig,
+    out: Path,
+    identity: dict,
+    resumed: RunState | None,
+    bar_position: int,
+    tensorboard: bool,
+) -> dict:
+    """Train the stages in turn, from `resumed` on, and leave each with its best weights; returns the history."""
+    progress: dict = {"stage": 0, "epoch": 0, "history": {}}
+    if resumed is not None:
+        with _whole_run(out):
+            model.load_state_dict(resumed.part("model"))
+            progress = {k: resumed.progress[k] for k in progress}
+            _ = range(len(stages))[progress["stage"]], range(progress["epoch"])
+    board = _Board(out / BOARD if tensorboard else None, progress["stage"] * config.epochs + progress["epoch"])
+    for index in range(progress["stage"], len(stages)):
+        loop = _Loop(stages[index], config)
+        loop.seed(index)
+        done = 0
+        if resumed is not None and index == progress["stage"]:
+            with _whole_run(out):
+                loop.restore(resumed)
+            done = progress["epoch"]
+        progress["history"][loop.stage.name] = loop.history
+        bar = _progress_bar(f"{config.kind} {loop.stage.name}", done, config.epochs, bar_position)
+        for epoch in bar:
+            try:
+                loop.epoch()
+            except AminnError as error:
+                kept = f"; the state before this epoch is kept in {out / FILE}" if (out / FILE).is_file() else ""
+                raise AminnError(f"{error}{kept}") from error
+            bar.set_postfix({k: f"{v[-1]:.5f}" for k, v in loop.history.items()}, refresh=False)
+            board.epoch(loop, index * config.epochs + epoch)
+            progress |= {"stage": index, "epoch": epoch + 1}
+            save_run(out, identity, loop.state(model, progress))
+        loop.stage.module.load_state_dict(loop.best)
+        loop.stage.module.eval()
+    board.close()
+    return progress["history"]
+
+
+def _result(model: nn.Module, parts: dict[str, Dataset], manifest: dict) -> dict:
+    """What is known of a trained model: its threshold, its figures on validation data, what it was trained on."""
+    validation = parts["validation"]
+    s, out = validation.samples, predict(model, validation)
+    stable, error = s["stable"] > 0, pose_error(out["dx_ht"], s["dx_ht"])
+    tau = choose_tau(out["p_stable"], stable, error)
+    figures = all_figures(s["w_e"], s["dx_ht"], stable, out["dx_ht"], out["p_stable"] >= tau)
+    figures |= calibration_figures(out["p_stable"], stable)
+    return {
+        "tau": tau,
+        "operating_curve": operating_curve(out["p_stable"], stable, error),
+        "validation": figures,
+        "data": {
+            "hand": manifest["hand"].get("name", ""),
+            "simulator": manifest.get("simulator", ""),
+            **{f"{name}_samples": len(part) for name, part in parts.items()},
+            **{f"{name}_grasps": len(np.unique(part.samples["grasp_id"])) for name, part in parts.items()},
+        },
+        "data_config_sha256": manifest["config_sha256"],
+        "n_parameters": n_parameters(model),
+    }
