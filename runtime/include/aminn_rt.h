@@ -1,7 +1,7 @@
 /*
  * aminn_rt.h - AMINN runtime: does the grasp hold, and how far does the tool move in the hand?
  *
- * C99, no other header of this library is needed. SPDX-License-Identifier: Apache-2.0
+ * C99; of this library it needs aminn_hand.h, which lies beside it. SPDX-License-Identifier: Apache-2.0
  *
  * WHAT IT COMPUTES
  *   From one state of the hand (joint angles, tool pose, load, contacts) the probability that the grasp holds under the
@@ -115,6 +115,12 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#ifdef AMINN_HAND_HEADER
+#include AMINN_HAND_HEADER
+#else
+#include "aminn_hand.h"
+#endif
+
 #ifdef __cplusplus
 extern "C" {
 #endif
@@ -138,22 +144,28 @@ typedef char aminn_compile_without_fpack_struct[sizeof(struct aminn_layout) == 2
 
 /* ---- Dimensions ------------------------------------------------------------------------------------------------ */
 
-#define AMINN_N_BRANCH 3          /* fingers and thumb */
-#define AMINN_N_COORD 3           /* coordinates of a branch: roll, proximal, distal */
-#define AMINN_N_JOINT 8           /* joints of the hand */
+/* AMINN_N_BRANCH, AMINN_N_COORD, AMINN_N_JOINT and AMINN_N_GATED are the hand's (aminn_hand.h). In comments B, C and J
+ * stand for the first three. */
 #define AMINN_N_CONTACT_FEATURE 8 /* in contact, position 3, normal 3, normal force */
 #define AMINN_N_WRENCH 6          /* force 3, moment 3; also position 3, rotation vector 3 */
 #define AMINN_N_STAGE 2           /* stage 1: does it hold? stage 2: how far does it move? */
 
-/* Inputs and outputs of the networks, derived from the above. Rows of the head's weights end with zeros, so that 8 weights
- * that are loaded together lie in one line of a processor's cache. */
+/* Derived from the above; behind each what it is for the reference hand. A branch's joint springs are a packed Cholesky
+ * factor. The mechanics head corrects it, and where the hand has gates also the tendons: direction, gain, alpha, beta, rho.
+ * Rows of the head's weights end with zeros, so that 8 weights that are loaded together lie in one line of a processor's
+ * cache. In a row the numbers of all branches stand side by side, in this order: diagonal C, gain, alpha, entries below the
+ * diagonal C (C - 1) / 2, direction C, beta, rho; without gates: diagonal, entries below it. */
+#define AMINN_N_CHOLESKY (AMINN_N_COORD * (AMINN_N_COORD + 1) / 2)                                    /* 6 */
 #define AMINN_N_BRANCH_FEATURE (AMINN_N_CONTACT_FEATURE + 3 * AMINN_N_COORD)                          /* 17 */
 #define AMINN_N_CONTACT_INPUT (AMINN_N_BRANCH * AMINN_N_BRANCH_FEATURE)                               /* 51 */
 #define AMINN_N_GLOBAL_INPUT (AMINN_N_JOINT + 3 * AMINN_N_WRENCH)                                     /* 26 */
-#define AMINN_N_HEAD (AMINN_N_BRANCH * 13)                                                            /* 39 */
+#define AMINN_N_BRANCH_HEAD (AMINN_N_CHOLESKY + (AMINN_N_GATED > 0) * (AMINN_N_COORD + 4))            /* 13 */
+#define AMINN_N_HEAD (AMINN_N_BRANCH * AMINN_N_BRANCH_HEAD)                                           /* 39 */
 #define AMINN_N_HEAD_STORED ((AMINN_N_HEAD + 7) / 8 * 8)                                              /* 40 */
-#define AMINN_N_AUX (2 * AMINN_N_WRENCH + AMINN_N_BRANCH)                                             /* 15 */
+#define AMINN_N_AUX (2 * AMINN_N_WRENCH + (AMINN_N_GATED > 0) * AMINN_N_BRANCH)                       /* 15 */
 #define AMINN_N_STATE (AMINN_N_JOINT + 2 * AMINN_N_WRENCH + AMINN_N_BRANCH * AMINN_N_CONTACT_FEATURE) /* 44 */
+#define AMINN_N_INPUT (AMINN_N_STATE + AMINN_N_BRANCH * 3 * (AMINN_N_WRENCH + AMINN_N_COORD))         /* 125 */
+#define AMINN_N_OUTPUT (1 + AMINN_N_WRENCH + AMINN_N_WRENCH * AMINN_N_WRENCH + AMINN_N_BRANCH)        /* 46 */
 
 /* Largest contact_width, width and classifier_width that a context has room for. Define it before the library and its
  * users are compiled (the same for both) to save memory: sizeof(aminn_t) shrinks by 12 bytes for each unit. */

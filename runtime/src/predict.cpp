@@ -7,7 +7,7 @@ namespace {
 constexpr uint32_t kTag = 0x414D4E43u; // "AMNC"
 constexpr uint32_t kKnownFlags = AMINN_FLAG_ALWAYS_STAGE2 | AMINN_FLAG_DEBUG;
 
-static_assert(sizeof(aminn_input_t) == 125 * sizeof(float), "aminn_input_t is 125 floats without gaps");
+static_assert(sizeof(aminn_input_t) == AMINN_N_INPUT * sizeof(float), "aminn_input_t is floats without gaps");
 static_assert(offsetof(aminn_input_t, j_x) == sizeof(aminn_state_t), "aminn_input_t begins as aminn_state_t does");
 
 // "does not hold", and no number

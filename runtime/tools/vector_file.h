@@ -14,9 +14,9 @@
 #define VECTOR_MAGIC 0x564E4D41u /* "AMNV" */
 #define RESULT_MAGIC 0x4F4E4D41u /* "AMNO" */
 #define VECTOR_VERSION 1u
-#define VECTOR_N_IN 125u /* q 8, x_ht 6, w_e 6, contacts 24, j_x 54, j_q 27: the layout of aminn_input_t */
-#define VECTOR_N_OUT 46u /* p_stable 1, dx_ht 6, k_x 36, gate 3 */
-#define RESULT_N_OUT 47u /* the same and stable (0 or 1) */
+#define VECTOR_N_IN ((uint32_t)AMINN_N_INPUT)   /* q, x_ht, w_e, contacts, j_x, j_q: the layout of aminn_input_t */
+#define VECTOR_N_OUT ((uint32_t)AMINN_N_OUTPUT) /* p_stable 1, dx_ht 6, k_x 36, gate */
+#define RESULT_N_OUT (VECTOR_N_OUT + 1u)        /* the same and stable (0 or 1) */
 
 typedef struct vector_header {
     uint32_t magic;
@@ -36,7 +36,7 @@ static inline void result_row(const aminn_output_t *out, float row[RESULT_N_OUT]
     memcpy(row + 1, out->dx_ht, sizeof out->dx_ht);
     memcpy(row + 7, out->k_x, sizeof out->k_x);
     memcpy(row + 43, out->gate, sizeof out->gate);
-    row[46] = (float)out->stable;
+    row[VECTOR_N_OUT] = (float)out->stable;
 }
 
 /* Predicts the samples behind the header of a vector file into rows (n x RESULT_N_OUT) and statuses (n); returns how many

@@ -5,17 +5,20 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import numpy as np
-
 from aminn.hand import dims
 from aminn_export.files import layout
+from aminn_sim.hand_file import default_hand_file
+from aminn_sim.understand import understand
 
-HEADER = (Path(__file__).resolve().parents[2] / "runtime" / "include" / "aminn_rt.h").read_text()
+INCLUDE = Path(__file__).resolve().parents[2] / "runtime" / "include"
+HEADER = (INCLUDE / "aminn_rt.h").read_text()
+HAND = (INCLUDE / "aminn_hand.h").read_text()
+REFERENCE_HAND = understand(default_hand_file()).hand
 
 
 def macro(name: str) -> int:
-    """Value of a macro of the header, with the macros in it replaced."""
-    text = re.search(rf"#define {name} (.+?)(?: */\*.*)?$", HEADER, re.MULTILINE).group(1)
+    """Value of a macro of the headers, with the macros in it replaced."""
+    text = re.search(rf"#define {name} (.+?)(?: */\*.*)?$", HAND + HEADER, re.MULTILINE).group(1)
     text = re.sub(r"AMINN_\w+", lambda m: str(macro(m.group(0))), text)
     return int(eval(text.rstrip("u").replace("/", "//"), {"__builtins__": {}}))
 
@@ -26,6 +29,8 @@ def test_dimensions() -> None:
     assert macro("AMINN_N_JOINT") == dims.N_JOINT
     assert macro("AMINN_N_CONTACT_FEATURE") == dims.N_CONTACT_FEATURE
     assert macro("AMINN_N_WRENCH") == dims.N_WRENCH
+    assert macro("AMINN_N_GATED") == REFERENCE_HAND.dims.gates
+    assert f'#define AMINN_HAND_NAME "{REFERENCE_HAND.name}"' in HAND
 
 
 def test_network_dimensions() -> None:
@@ -34,6 +39,11 @@ def test_network_dimensions() -> None:
     assert macro("AMINN_N_HEAD") == dims.N_HEAD
     assert macro("AMINN_N_HEAD_STORED") == layout.N_HEAD_STORED
     assert macro("AMINN_N_AUX") == dims.N_AUX
+    assert macro("AMINN_N_CHOLESKY") == REFERENCE_HAND.dims.cholesky
+    assert macro("AMINN_N_BRANCH_HEAD") == REFERENCE_HAND.dims.branch_head
+    assert macro("AMINN_N_STATE") == REFERENCE_HAND.dims.state
+    assert macro("AMINN_N_INPUT") == REFERENCE_HAND.dims.input
+    assert macro("AMINN_N_OUTPUT") == REFERENCE_HAND.dims.output
     assert macro("AMINN_FORMAT_VERSION") == layout.FORMAT_VERSION
 
 
@@ -42,7 +52,6 @@ def test_dq0_codes() -> None:
 
 
 def test_input_struct_is_the_vector_row() -> None:
-    assert sum(int(np.prod(shape)) for shape in dims.INPUT_SHAPES.values()) == 125
     body = HEADER[HEADER.index("typedef struct aminn_input") : HEADER.index("} aminn_input_t;")]
     assert re.findall(r"float (\w+)\[", body) == list(dims.INPUT_SHAPES)
 

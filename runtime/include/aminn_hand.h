@@ -1,0 +1,16 @@
+/*
+ * aminn_hand.h - the hand that library and programs are compiled for: here the reference hand, three branches.
+ *
+ * For another hand define AMINN_HAND_HEADER as the path of a header with the same five macros, in quotes, where library and
+ * users are compiled. A model of another hand is refused (AMINN_E_DIMS). SPDX-License-Identifier: Apache-2.0
+ */
+#ifndef AMINN_HAND_H
+#define AMINN_HAND_H
+
+#define AMINN_HAND_NAME "three_finger_hand"
+#define AMINN_N_BRANCH 3 /* fingers and thumb, 2 .. 5 */
+#define AMINN_N_COORD 3  /* coordinates of the longest branch, 1 .. 5; a shorter one lacks those next to the palm */
+#define AMINN_N_JOINT 8  /* joints of the hand: coordinates that branches have */
+#define AMINN_N_GATED 3  /* branches with a gated tendon; 0: the hand has no gates, its models none of their numbers */
+
+#endif
