@@ -41,6 +41,7 @@ TEST_SOURCES    := $(filter-out %.py,$(call sources,tests/runtime tests/golden))
 FIRMWARE_SOURCES := $(RUNTIME_SOURCES) $(filter-out %.py,$(call sources,runtime/firmware tests/golden))
 FUZZ_SOURCES    := $(RUNTIME_SOURCES) $(filter-out %.py,$(call sources,tests/fuzz tests/golden))
 FORMATTED       := $(filter %.c %.h %.cpp %.hpp,$(call sources,sim runtime tools/export tests/runtime tests/fuzz))
+PYTHON_PACKAGES := $(wildcard sim/aminn_* trainer/aminn tools/*/aminn_*)
 PYTHON_FOLDERS  := $(wildcard sim trainer tools tests runtime)
 
 # --- targets for people -------------------------------------------------------------------------------------------
@@ -66,10 +67,11 @@ test: setup-python setup-view setup-host-tests setup-arm $(STAMPS)/apt-fuzz ## l
 	@echo "All tests passed. Counts: $(REPORTS)/test.json, details: $(BUILD)/test/, firmware: $(REPORTS)/firmware.json"
 
 .PHONY: lint
-lint: $(STAMPS)/venv ## ruff on the Python files, clang-format on the C and C++ files
+lint: $(STAMPS)/venv ## ruff on the Python files, mypy on the packages, clang-format on the C and C++ files
 	@$(PYTHON) -m ruff check --quiet $(PYTHON_FOLDERS)
+	@$(PYTHON) -m mypy --no-error-summary $(PYTHON_PACKAGES)
 	@$(VENV)/bin/clang-format --dry-run --Werror $(FORMATTED)
-	@echo "Lint: no findings (ruff, clang-format)"
+	@echo "Lint: no findings (ruff, mypy, clang-format)"
 
 .PHONY: dataset
 dataset: setup-python ## simulated grasps and loads, in build/dataset (GRASPS=, CASES= a grasp, SEED=, THREADS=)

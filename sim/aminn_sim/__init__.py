@@ -3,7 +3,7 @@
 from .errors import MissingLibrary, SimulationError
 
 try:
-    from . import _core  # noqa: F401
+    from . import _core as _core
 except ImportError as error:
     raise MissingLibrary(
         f"the simulation's compiled part cannot be loaded ({error}); it needs MuJoCo 2.2: install Debian's package "

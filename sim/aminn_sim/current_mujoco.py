@@ -12,6 +12,7 @@ import os
 import sys
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,14 +78,14 @@ class CurrentGrasp:
         self.scene = scene
         self.restore()
 
-    def _set_options(self, spec: object) -> None:
+    def _set_options(self, spec: Any) -> None:
         """What the simulation's MuJoCo 2.2 does: one contact a pair of convex geoms, and an integrator that it has."""
         options, integrators = spec.option, self.mujoco.mjtIntegrator
         options.disableflags |= int(self.mujoco.mjtDisableBit.mjDSBL_MULTICCD)  # on by default from 4.0 on
         if options.integrator == integrators.mjINT_DISCRETE:  # with noslip it pushes an unloaded tool out of the hand
             options.integrator = integrators.mjINT_IMPLICIT
 
-    def _set_tool(self, spec: object, scene: dict, torsional_friction_m: float) -> None:
+    def _set_tool(self, spec: Any, scene: dict, torsional_friction_m: float) -> None:
         """Shape, mass, inertia and friction of the tool; the first geoms of the model's tool become its primitives."""
         body = spec.body("tool")
         geoms = list(body.geoms)
@@ -140,12 +141,12 @@ class CurrentGrasp:
         self._place(self.data, q, x_ht[:3] + dx_ht[:3], rotation_matrix(dx_ht[3:]) @ rotation_matrix(x_ht[3:]))
         self.mujoco.mj_kinematics(self.model, self.data)
 
-    def show(self, data: object, q: Array, position: Array, rotation: Array) -> None:
+    def show(self, data: Any, q: Array, position: Array, rotation: Array) -> None:
         """Put hand and tool into other `data`, with the palm frame H as the world."""
         self._place(data, q, position, rotation)
         self.mujoco.mj_forward(self.model, data)
 
-    def _place(self, data: object, q: Array, position: Array, rotation: Array) -> None:
+    def _place(self, data: Any, q: Array, position: Array, rotation: Array) -> None:
         """Joint angles, and the tool's pose in H, with the palm where `data` has it."""
         self.mujoco.mj_kinematics(self.model, data)
         palm, origin = data.xmat[self.palm].reshape(3, 3), data.xpos[self.palm]

@@ -18,6 +18,7 @@ import click
 from aminn.data.dataset import Dataset, load_dataset
 from aminn.evaluation.evaluate import Evaluation, evaluate, flat_report, format_table, training_grasps_in
 from aminn.model.checkpoint import Checkpoint, load_checkpoint
+from aminn.model.config import Kind
 from aminn.training.train import TrainConfig, train
 from aminn_base.files import write_json
 from aminn_base.program import Messages
@@ -26,7 +27,7 @@ from .pipeline import anew_if_outdated, run_export, run_report, run_verify
 from .simulation import run_simulation
 
 GRASPS, CASES, SEED = 960, 16, 0
-KINDS = ("aminn", "mlp")
+KINDS: tuple[Kind, ...] = ("aminn", "mlp")
 T = TypeVar("T")
 
 
@@ -50,7 +51,7 @@ def _simulate(data: Path, grasps: int, cases: int) -> Dataset:
     return load_dataset(data)
 
 
-def _train_one(kind: str, data: Path, out: Path, position: int) -> None:
+def _train_one(kind: Kind, data: Path, out: Path, position: int) -> None:
     dataset = load_dataset(data)
     anew_if_outdated(out, lambda: train(TrainConfig(kind=kind, seed=SEED), dataset, out, bar_position=position))
 

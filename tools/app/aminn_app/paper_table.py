@@ -141,12 +141,12 @@ def aims(report: Report) -> str:
         ("relative_error_p90", "relative error, p90, to the MLP's at most", 0.4),
     ):
         ratio = _ratio(report, figure, "iid_aminn", "iid_mlp")
-        aim(f"{text} {bound}", ratio, "{:.2f}", lambda v, bound=bound: v <= bound)
+        aim(f"{text} {bound}", ratio, "{:.2f}", _at_most(bound))
     aim("relative error, median, under 0.10", mean("iid_aminn_relative_error_median"), "{:.3f}", lambda v: v < 0.1)
     for key, title in SETS.items():
         bound = 0.8 if key == "iid" else 0.7
         ratio = _ratio(report, "rmse_pose", f"{key}_aminn", f"{key}_mlp")
-        aim(f"RMSE_pose to the MLP's at most {bound}, {title}", ratio, "{:.2f}", lambda v, bound=bound: v <= bound)
+        aim(f"RMSE_pose to the MLP's at most {bound}, {title}", ratio, "{:.2f}", _at_most(bound))
     for figure, text in (
         ("rmse_pose", "RMSE_pose"),
         ("relative_error_median", "median"),
@@ -173,6 +173,10 @@ def aims(report: Report) -> str:
     value = mean("iid_aminn_small_load_compliance_error_median")
     aim("compliance along small loads, median error (reported)", value, "{:.3f}", lambda v: True)
     return _table(["aim", "measured", "met"], rows)
+
+
+def _at_most(bound: float) -> Callable[[float], bool]:
+    return lambda value: value <= bound
 
 
 def _yes(met: bool) -> str:

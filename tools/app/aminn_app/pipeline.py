@@ -119,6 +119,7 @@ def run_report(
     s = result.data.samples
     held = s["stable"] > 0
     learned = names_of(checkpoints)
+    probabilities = {name: p for name in learned if (p := result.predictions[name].p_stable) is not None}
 
     counted = {name: (result.predictions[name].dx, result.predictions[name].stable) for name in learned}
     counted["label"] = (s["dx_ht"], held)
@@ -136,7 +137,7 @@ def run_report(
         predicted_dx={name: result.predictions[name].dx[held] for name in (*learned, "analytical")},
         histories={name: c.meta["history"] for name, c in zip(learned, checkpoints, strict=True)},
         operating={n: (c.meta["operating_curve"], c.meta["tau"]) for n, c in zip(learned, checkpoints, strict=True)},
-        reliability={name: reliability(result.predictions[name].p_stable, held) for name in learned},
+        reliability={name: reliability(p, held) for name, p in probabilities.items()},
         grasp=_example_grasp(result),
         verification=differences,
         reports=read_reports(reports, out) if reports else {},

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Sequence
 from difflib import get_close_matches
 from pathlib import Path
+from typing import Any
 
 from aminn_base.errors import AminnError
 
@@ -55,7 +56,7 @@ def run_simulation(
     engine: str = "threads",
     hand: Path | None = None,
     json_file: Path | None = None,
-    **settings: object,
+    **settings: Any,
 ) -> dict:
     """Simulate a data set into folder `out`, or go on with an unfinished one; returns its manifest.
 

@@ -17,7 +17,7 @@ import torch
 from aminn.data.dataset import Dataset, load_dataset
 from aminn.hand.nominal import nominal_from_hand
 from aminn.model.checkpoint import build_model
-from aminn.model.config import TrainConfig
+from aminn.model.config import Kind, TrainConfig
 from aminn.training.train import _Loop, _select, _stages
 from aminn_base.files import write_json
 from aminn_base.program import Messages
@@ -25,7 +25,7 @@ from aminn_base.program import Messages
 BATCH, ROUNDS, STEPS = 1024, 15, 10
 
 
-def _loops(kind: str, data: Dataset) -> list[_Loop]:
+def _loops(kind: Kind, data: Dataset) -> list[_Loop]:
     """Both stages of a model, each with its optimiser."""
     config = TrainConfig(kind=kind, batch=BATCH, epochs=1000)
     torch.manual_seed(config.seed)

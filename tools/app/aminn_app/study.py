@@ -18,6 +18,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
@@ -61,11 +62,11 @@ class Job:
         return f"{self.variant}-{100 * self.config.train_fraction:g}pc-{self.config.seed}"
 
 
-def _mechanics(**changes: float | str | bool) -> TrainConfig:
+def _mechanics(**changes: Any) -> TrainConfig:
     return _model(mechanics=tuple(replace(stage, **changes) for stage in BASE.model.mechanics))
 
 
-def _model(**changes: object) -> TrainConfig:
+def _model(**changes: Any) -> TrainConfig:
     return replace(BASE, model=replace(BASE.model, **changes))
 
 

@@ -31,7 +31,7 @@ class Ended(click.ClickException):
 
     def __init__(self, message: str, exit_code: int) -> None:
         super().__init__(message)
-        self.exit_code = exit_code
+        self.exit_code = exit_code  # type: ignore[misc]
 
 
 class Messages(click.Command):
@@ -47,7 +47,7 @@ class Messages(click.Command):
     def main(self, *args: Any, standalone_mode: bool = True, **extra: Any) -> Any:
         if standalone_mode:
             prepare()
-        return super().main(*args, standalone_mode=standalone_mode, **extra)
+        return super().main(*args, standalone_mode=standalone_mode, **extra)  # type: ignore[call-overload]
 
     def invoke(self, ctx: click.Context) -> object:
         try:

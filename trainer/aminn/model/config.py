@@ -11,7 +11,6 @@ import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, field, fields, is_dataclass
 from difflib import get_close_matches
-from functools import partial
 from typing import Annotated, Any, Literal
 
 from pydantic import (
@@ -29,14 +28,14 @@ from aminn_base.read import AnyPath, read_toml
 
 from ..hand.dims import N_WRENCH
 
+Kind = Literal["aminn", "mlp"]
 Width = Annotated[int, Field(gt=0, le=4096)]
 Scale = Annotated[float, Field(gt=0, le=1e9)]
 Weight = Annotated[float, Field(ge=0, le=1e9)]
 CHECKS = ConfigDict(extra="forbid", use_attribute_docstrings=True, allow_inf_nan=False)
-settings = partial(checked_dataclass, frozen=True, config=CHECKS)
 
 
-@settings
+@checked_dataclass(frozen=True, config=CHECKS)
 class MechanicsConfig:
     """Constants of the mechanics layer."""
 
@@ -77,7 +76,7 @@ def _wrench_scale(value: tuple[float, ...]) -> tuple[float, ...]:
     return value
 
 
-@settings
+@checked_dataclass(frozen=True, config=CHECKS)
 class ModelConfig:
     """Sizes and constants of a cascade."""
 
@@ -107,7 +106,7 @@ class ModelConfig:
     """The layer's constants for stage 1 and stage 2; one table stands for both, a list of two is one for each."""
 
 
-@settings
+@checked_dataclass(frozen=True, config=CHECKS)
 class LossWeights:
     """Weights of the stage 2 loss."""
 
@@ -127,11 +126,11 @@ class LossWeights:
     """On mean K_tendon^2, (N.m/rad)^2: no more tendon stiffness than the data asks for."""
 
 
-@settings
+@checked_dataclass(frozen=True, config=CHECKS)
 class TrainConfig:
     """One training run."""
 
-    kind: Literal["aminn", "mlp"] = "aminn"
+    kind: Kind = "aminn"
     """The model: the analytical-model-informed network or the black box of the same size."""
     seed: Annotated[int, Field(ge=0, lt=2**64)] = 0
     """Initial weights and order of the samples."""
