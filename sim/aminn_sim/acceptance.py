@@ -159,9 +159,7 @@ class _Bench:
         tool = names["joint"].index(TOOL)
         self.tool_qpos, self.tool_dof = int(address[tool]), int(dof[tool])
         self.tool_body, self.palm = names["body"].index(TOOL), names["body"].index(understood.palm)
-        geom_body = array("geom_bodyid")
-        tips = [{names["body"].index(b) for b in bodies} for bodies in understood.tips]
-        self.branch_of = [next((b for b, t in enumerate(tips) if int(body) in t), -1) for body in geom_body]
+        self.branch_of = [next((b for b, t in enumerate(understood.tips) if g in t), -1) for g in names["geom"]]
         self.tool_geom = names["geom"].index(TOOL)
         self.nq, self.nv = len(array("qpos0")), len(array("dof_bodyid"))
         self.geom_type, self.geom_size = array("geom_type"), array("geom_size")
@@ -273,16 +271,6 @@ def _centre(hand: Hand, points: list[Array], chosen: tuple[int, ...]) -> Array:
         matrix = rows.T @ rows + 0.05 * np.eye(3)
         centre = centre - np.linalg.solve(matrix, rows.T @ spread + 0.05 * (centre - start))
     return np.asarray(centre)
-
-
-def coupled(hand: Hand, q: Array) -> Array:
-    """The nearest posture in which the couplings are at rest."""
-    q = q.copy()
-    for branch, at in zip(hand.branches, hand.branch_joints, strict=True):
-        for coupling in branch.couplings:
-            ratio = np.array(coupling.ratio)
-            q[at] = q[at] - ratio * (ratio @ q[at]) / (ratio @ ratio)
-    return q
 
 
 def _touch(bench: _Bench, q: Array, centre: Array, chosen: tuple[int, ...]) -> Array | None:
@@ -495,11 +483,11 @@ def _grasp(
     """Hold a ball with the chosen branches; why that failed, or ""."""
     hand = bench.hand
     start, end = understood.postures
-    q = coupled(hand, start + rng.uniform(0.3, 0.7) * (end - start))
+    q = hand.coupled(start + rng.uniform(0.3, 0.7) * (end - start))
     for b, at in enumerate(hand.branch_joints):
         if b not in chosen:
-            q[at] = coupled(hand, start)[at]  # out of the way
-    tips = [b.moved(q[at], np.array(b.tip_point_m)) for b, at in zip(hand.branches, hand.branch_joints, strict=True)]
+            q[at] = hand.coupled(start)[at]  # out of the way
+    tips = list(hand.tips(q))
     centre = _centre(hand, tips, chosen) + rng.uniform(-0.15, 0.15, 3) * bench.radius
     found = _touch(bench, q, centre, chosen)
     if found is None:
@@ -611,7 +599,7 @@ def _shares(hand: Hand, q: Array, centre: Array, contacts: dict[int, Contact], w
 def _radius(understood: Understood, chosen: tuple[int, ...]) -> float:
     """Of a ball that fits between the chosen fingertips half way of closing, with room for their thickness."""
     hand = understood.hand
-    q = coupled(hand, 0.5 * (understood.postures[0] + understood.postures[1]))
-    tips = [b.moved(q[at], np.array(b.tip_point_m)) for b, at in zip(hand.branches, hand.branch_joints, strict=True)]
+    q = hand.coupled(0.5 * (understood.postures[0] + understood.postures[1]))
+    tips = list(hand.tips(q))
     centre = _centre(hand, tips, chosen)
     return float(np.clip(0.75 * min(np.linalg.norm(tips[b] - centre) for b in chosen), 0.008, 0.05))

@@ -246,7 +246,7 @@ def _coverage(data: SimulatedData) -> dict:
     """The sampled synergy space, pair by pair."""
     psi, names = data.grasps["psi"], ("size", "spread", "curl")
     figure = Figure((10, 3.2), layout="constrained")
-    families, ranges = data.manifest["tool_families"], data.manifest["hand"]["synergy"]["range"]
+    families, ranges = data.manifest["tool_families"], data.manifest["hand"]["synergy"]["ranges"]
     for axes, (i, j) in zip(figure.subplots(1, 3), ((0, 1), (0, 2), (1, 2)), strict=True):
         for index, family in enumerate(families):
             mine = data.grasps["tool_family"] == index

@@ -12,6 +12,7 @@ import numpy as np
 
 from aminn_base.files import check_outputs, write_json
 from aminn_base.program import Messages
+from aminn_hand.flat import flat
 
 from . import _core
 from .config import SimulationConfig
@@ -84,9 +85,7 @@ def main(data: Path, out: Path, grasps: int, seed: int) -> None:
         "synergy space": lambda: synergy_figures(hand, simulator, simulated),
         "theory, small loads": lambda: compliance_figures(simulator, config, grasps, threads),
         "theory, by pinch force": lambda: preload_figures(simulator, config, grasps // 6, threads),
-        "theory, all loads": lambda: dataset_errors(
-            simulated.manifest["hand"], simulated.samples, simulated.grasps
-        ),
+        "theory, all loads": lambda: dataset_errors(flat(simulated.hand), simulated.samples, simulated.grasps),
         "slackening tendons": lambda: slack_figures(simulator, config, grasps // 2, threads),
         "current MuJoCo": lambda: crosscheck(config, hand, seed),
         "waiting longer": lambda: waiting_figures(simulator, config, threads, grasps // 2, 10),

@@ -150,7 +150,7 @@ def _facts(data: SimulatedData, row: int, sample: dict) -> dict:
     """Numbers of the page, in the units that it shows."""
     grasp = {name: values[data.grasp_row[row]] for name, values in data.grasps.items()}
     manifest, dx, w = data.manifest, sample["dx_ht"], sample["w_e"]
-    tendons = [tendon["name"].replace("_", " ") for tendon in manifest["hand"]["tendons"]]
+    tendons = [tendon.name.replace("_", " ") for branch in data.hand.branches for tendon in branch.tendons]
     return {
         "grasp": int(sample["grasp_id"]),
         "tool": manifest["tool_families"][int(grasp["tool_family"])],

@@ -14,7 +14,7 @@ from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
 from aminn_hand.hand import Hand
 
-from .acceptance import Acceptance, accept, coupled
+from .acceptance import Acceptance, accept
 from .understand import Understood, table, understand
 
 PRELOADED_LIMIT, FORMULA_LIMIT = 0.05, 0.12
@@ -141,7 +141,7 @@ def columns(rows: list[list[str]]) -> list[str]:
 def draw(understood: Understood, out: Path) -> None:
     """A picture of the branches half way of closing: joints by name, axes as arrows (turns are right-handed)."""
     hand = understood.hand
-    q = coupled(hand, 0.5 * (understood.postures[0] + understood.postures[1]))
+    q = hand.coupled(0.5 * (understood.postures[0] + understood.postures[1]))
     figure = Figure(figsize=(9, 7), layout="constrained")
     axes = figure.add_subplot(projection="3d")
     for branch, at, colour in zip(hand.branches, hand.branch_joints, COLOURS, strict=False):

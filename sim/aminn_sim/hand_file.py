@@ -20,6 +20,7 @@ from .mjcf import NOWHERE, ModelFiles, read_model
 N_JOINT = _core.DIMENSIONS[2]
 AXES = ("size", "spread", "curl")
 CONTACT_MODELS = ("point", "soft_finger")
+OF_THE_DESCRIPTION = ("branch", "palm_normal", "tool_axis", "length_m", "mirror")
 Array = NDArray[np.float64]
 
 
@@ -183,11 +184,12 @@ def read_hand_file(path: AnyPath | None = None) -> HandFile:
         content = read_toml(path)
     except AminnError as error:
         raise SimulationError(f"{error}: a hand file is a TOML file beside its model") from error
-    top = _Reader(path, content)
+    top = _Reader(path, {k: v for k, v in content.items() if k not in OF_THE_DESCRIPTION})
     name, scene = top.text("name"), path.parent / top.text("scene")
     if not scene.is_file():
         raise top.fail("scene", f"names {scene}, which is not there; it is relative to the hand file")
     contact = top.table("contact")
+    contact.rest.pop("compliance_m_N", None)
     model, torsional = contact.text("model"), contact.number("torsional_friction_m")
     if model not in CONTACT_MODELS:
         raise contact.fail("model", f"is {model!r}, expected one of {', '.join(CONTACT_MODELS)}")

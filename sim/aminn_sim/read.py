@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import h5py
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from aminn_base.errors import AminnError, InUseError
 from aminn_base.lock import read_shared
 from aminn_base.read import AnyPath, read_json, require
+from aminn_hand.hand import Hand
 
 from .errors import SimulationError
 from .schema import GROUPS
@@ -48,6 +50,11 @@ class SimulatedData:
     grasps: dict[str, Array]
     noise: dict[str, Array]
 
+    @cached_property
+    def hand(self) -> Hand:
+        """The hand that was simulated."""
+        return Hand.from_dict(self.manifest["hand"])
+
     @property
     def grasp_row(self) -> NDArray[np.int64]:
         """Row of `grasps` of each sample."""
@@ -67,6 +74,7 @@ def read_data(folder: AnyPath) -> SimulatedData:
     try:
         manifest = read_json(folder / "manifest.json", "the manifest of a data set")
         require(folder / "manifest.json", manifest, MANIFEST_KEYS, "simulate the data set again")
+        Hand.from_dict(manifest["hand"])
         groups: dict[str, list[dict[str, Array]]] = {group: [] for group in GROUPS}
         before = 0
         for shard in manifest["shards"]:

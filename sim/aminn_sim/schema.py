@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from . import _core
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 
 
 @dataclass(frozen=True)

@@ -38,6 +38,7 @@ from .engines import Engine, ShardTask, find_engine
 from .errors import OutdatedDataError, SimulationError
 from .hand_file import HandFile, read_hand_file
 from .schema import GROUPS, SCHEMA_VERSION, Field, field_table
+from .understand import understand
 
 # To be raised with every change of the C++ part that changes what is simulated.
 PROTOCOL_VERSION = 2
@@ -122,7 +123,7 @@ def simulate(
         work = _Work(config, config_sha256(config, hand_file), out)
         _check_room(out, sum(work.sizes[n] for n in work.todo) * config.cases)
         work.run(run, threads or len(os.sched_getaffinity(0)), progress, hand_file.path if hand else None)
-        manifest = build_manifest(config, work.digest, hand_file.as_dict() | simulator.hand(), out, work.recorded)
+        manifest = build_manifest(config, work.digest, understand(hand_file.path).hand.as_dict(), out, work.recorded)
         write_json(out / MANIFEST, manifest)
         (out / UNFINISHED).unlink(missing_ok=True)
         if report and work.todo:

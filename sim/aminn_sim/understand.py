@@ -10,9 +10,9 @@ import fnmatch
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 
 import numpy as np
@@ -20,10 +20,12 @@ from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError
 from aminn_base.read import AnyPath
-from aminn_hand.hand import Branch, Coordinate, Coupling, Hand, Tendon
+from aminn_hand.hand import Branch, ContactModel, Coordinate, Coupling, Hand, Mirror, Synergy, Tendon
 from aminn_hand.hand_file import HandFile, model_path, read_hand_file
+from aminn_hand.symmetry import find_mirror, mirror_in
 
 from . import _core, mjcf_tree
+from .postures import find_synergy, find_tool_axis
 
 Array = NDArray[np.float64]
 
@@ -37,6 +39,10 @@ EFC_EQUALITY = 0
 LEAST_RANGE_RAD, LONGEST_LINK_M = 0.1, 1.0
 WEAK_COUPLING = 10.0
 """A coupling below so many times the joints' own stiffness gives way."""
+SPHERE, CAPSULE, MESH = 2, 3, 7
+NOMINAL_TOOL_KG = 0.08
+CONTACT_TIME_S, CONTACT_IMPEDANCE = 0.004, (0.95, 0.99)
+"""Of the simulation's contacts: time constant (critically damped), impedance when they open and deep inside."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +58,7 @@ class Understood:
     postures: tuple[Array, Array]
     """Open and closed, q (J) in the order of `hand.joints`, rad."""
     tips: tuple[tuple[str, ...], ...]
-    """Bodies of each branch's tip: the tip body and what is fixed to it."""
+    """Geoms of each branch's tip; its pad point goes with the first."""
     notes: tuple[str, ...]
     """What a user should know and that does not stop anything."""
 
@@ -70,6 +76,7 @@ class _Model:
         self.joints = self._names("joint")
         self.tendons = self._names("tendon")
         self.actuators = self._names("actuator")
+        self.geoms = self._names("geom")
         self.parent = self.array("body_parentid")
         self.jnt_body = self.array("jnt_bodyid")
         self.jnt_type = self.array("jnt_type")
@@ -111,12 +118,12 @@ class _Model:
         return self.bodies.index(name)
 
 
-def _name_joints(root: ET.Element) -> None:
-    """Give every joint a name that can be referred to."""
+def _name_parts(root: ET.Element) -> None:
+    """Give every joint and geom a name that can be referred to."""
     bodies = [e for body in root.iter("worldbody") for e in body.iter("body")]
-    joints = [e for body in bodies for e in body if e.tag == "joint"]
-    for i, joint in enumerate(j for j in joints if not j.get("name")):
-        joint.set("name", f"unnamed_joint_{i}")
+    for tag in ("joint", "geom"):
+        for i, part in enumerate(e for body in bodies for e in body if e.tag == tag and not e.get("name")):
+            part.set("name", f"unnamed_{tag}_{i}")
 
 
 def _palm_of(model: _Model, file: HandFile, path: Path, locked: set[int]) -> int:
@@ -256,7 +263,7 @@ class _Reader:
         file = read_hand_file(self.path)
         source = model_path(file, self.path)
         root = mjcf_tree.read_mjcf(source)
-        _name_joints(root)
+        _name_parts(root)
         _tell(file, root, self.path)
         model = _Model(mjcf_tree.text_of(root), source)
         palm = _palm_of(model, file, self.path, set())
@@ -270,9 +277,10 @@ class _Reader:
         if _add_servos(file, root, model, [j for js in joints for j in js]):
             model = _Model(mjcf_tree.text_of(root), source)
         self._refuse_outside(model, palm, joints)
-        hand, tips = self._hand(file, model, palm, chains, joints)
+        hand, tips, reach = self._hand(file, model, palm, chains, joints)
         postures = self._postures(file, hand)
         self._refuse_straighteners(hand, postures[1] - postures[0])
+        hand = self._pinch(file, replace(hand, contact=self._contact(file, hand)), postures, reach)
         return Understood(
             hand, root, model.bodies[palm], (*file.locked, *above), postures, tips, tuple(dict.fromkeys(self.notes))
         )
@@ -337,7 +345,7 @@ class _Reader:
 
     def _hand(
         self, file: HandFile, model: _Model, palm: int, chains: list[list[int]], joints: list[list[int]]
-    ) -> tuple[Hand, tuple[tuple[str, ...], ...]]:
+    ) -> tuple[Hand, tuple[tuple[str, ...], ...], Array]:
         self._friction(file, model, joints)
         engine = model.engine
         engine.reset()
@@ -348,7 +356,7 @@ class _Reader:
         axes = engine.data("xaxis") @ rotation
         anchors = (engine.data("xanchor") - origin) @ rotation
         names = _branch_names(model, chains, joints)
-        tip_bodies, points, tip_sets = [], [], []
+        tip_bodies, points, tip_sets, tip_geoms = [], [], [], []
         for b, chain in enumerate(chains):
             fixed = _fixed_to(model, chain[-1])
             told = [t for t in file.branch if t.tip in {model.bodies[x] for x in fixed}]
@@ -361,11 +369,15 @@ class _Reader:
                     f"branch {names[b]} has no colliding geom on its last body {model.bodies[chain[-1]]}: nothing can "
                     "touch the tool"
                 )
+            if told and told[0].geoms:
+                geoms = self._told_geoms(model, names[b], told[0].geoms, geoms)
+            outermost = self._outermost(engine, geoms, anchors, rotation, origin, joints[b])
             if told and told[0].point is not None:
                 world = engine.data("xpos")[tip] + engine.data("xmat")[tip].reshape(3, 3) @ np.array(told[0].point)
             else:
-                world = engine.data("geom_xpos")[self._outermost(engine, geoms, anchors, rotation, origin, joints[b])]
+                world = engine.data("geom_xpos")[outermost]
             tip_bodies.append(tip)
+            tip_geoms.append([outermost, *(g for g in geoms if g != outermost)])
             points.append((world - origin) @ rotation)
             tip_sets.append(tuple(model.bodies[x] for x in fixed))
         for table in file.branch:
@@ -386,6 +398,9 @@ class _Reader:
         servos = self._servos(model)
         ranges = model.array("jnt_range")
         groups = self._groups(file, points, tip_sets)
+        addresses, relaxed = model.array("jnt_qposadr"), model.array("qpos_spring")
+        kinds, sizes = model.array("geom_type"), model.array("geom_size")
+        reach = np.zeros(len(joints))
         branches = []
         for b, js in enumerate(joints):
             coordinates = tuple(
@@ -397,9 +412,13 @@ class _Reader:
                     float(ranges[j][1]),
                     float(springs[j]),
                     servos.get(j, 0.0),
+                    float(relaxed[addresses[j]]),
                 )
                 for j in js
             )
+            first = tip_geoms[b][0]
+            padded = any(t.point is not None and t.tip in tip_sets[b] for t in file.branch)
+            reach[b] = 0.0 if padded or kinds[first] == MESH else sizes[first][sizes[first] > 0].min()
             branch = Branch(
                 names[b],
                 groups[b],
@@ -408,7 +427,8 @@ class _Reader:
                 couplings[b],
                 model.bodies[tip_bodies[b]],
                 tuple(points[b].tolist()),
-                1e-5,
+                self._compliance(file, model, names[b], chains[b][-1]),
+                float(sizes[first][0]) if kinds[first] in (SPHERE, CAPSULE) else 0.0,
             )
             self._refuse_limp(branch)
             branches.append(branch)
@@ -416,7 +436,121 @@ class _Reader:
         length = float(np.linalg.norm(normal))
         if length == 0:
             raise self.fail("palm_normal has no length")
-        return Hand(file.name, tuple(branches), tuple((normal / length).tolist())), tuple(tip_sets)
+        self._refuse_unknown_compliance(file, names)
+        tips = tuple(tuple(model.geoms[g] for g in geoms) for geoms in tip_geoms)
+        hand = Hand(file.name, tuple(branches), tuple((normal / length).tolist()), length_m=file.length_m)
+        return hand, tips, reach
+
+    def _told_geoms(self, model: _Model, branch: str, told: Sequence[str], colliding: list[int]) -> list[int]:
+        """Numbers of the geoms that a hand file calls a fingertip."""
+        names = {model.geoms[g]: g for g in colliding}
+        for name in told:
+            if name not in names:
+                raise self.fail(
+                    f"branch {branch}: geoms names {name!r}, which is no colliding geom of its last body; there are "
+                    + ", ".join(names)
+                )
+        return [names[name] for name in told]
+
+    def _compliance(self, file: HandFile, model: _Model, branch: str, body: int) -> float:
+        """eps of a branch, m/N: told, or what the engine's contact of this body with a nominal tool gives way by.
+
+        A contact is a spring of stiffness K I / R, and R = (1 - I) / I times the inverse masses behind it.
+        """
+        told = file.contact.compliance_m_N
+        if isinstance(told, dict):
+            told = told.get(branch)
+        if told is not None:
+            return float(told)
+        opening, deep = CONTACT_IMPEDANCE
+        stiffness = 1 / (deep * CONTACT_TIME_S) ** 2
+        masses = float(model.array("body_invweight0")[body][0]) + 1 / NOMINAL_TOOL_KG
+        return (1 - opening) / opening * masses / (stiffness * opening)
+
+    def _refuse_unknown_compliance(self, file: HandFile, names: list[str]) -> None:
+        told = file.contact.compliance_m_N
+        for name in told if isinstance(told, dict) else ():
+            if name not in names:
+                raise self.fail(f"contact.compliance_m_N names the branch {name!r}; there are {', '.join(names)}")
+
+    def _contact(self, file: HandFile, hand: Hand) -> ContactModel:
+        """What a fingertip passes on to the tool."""
+        soft = file.contact.model == "soft_finger"
+        if len(hand.branches) == 2 and not soft:
+            self.notes.append(
+                "two point contacts leave a tool free to spin about the line through both: no grasp comes to rest; "
+                'set contact.model = "soft_finger"'
+            )
+        return ContactModel(file.contact.model, file.contact.torsional_friction_m if soft else 0.0)
+
+    def _pinch(self, file: HandFile, hand: Hand, postures: tuple[Array, Array], reach_m: Array) -> Hand:
+        """Tool axis, synergy space and mirror: told and checked, or derived."""
+        try:
+            if file.tool_axis is not None:
+                axis = np.array(file.tool_axis)
+                if not np.linalg.norm(axis):
+                    raise self.fail("tool_axis has no length")
+                axis = axis / np.linalg.norm(axis)
+            else:
+                axis = find_tool_axis(hand, hand.coupled(0.5 * (postures[0] + postures[1])))
+            hand = replace(hand, tool_axis=tuple(axis.tolist()))
+            synergy = self._told_synergy(file, hand) or find_synergy(hand, postures, reach_m)
+        except AminnError as error:
+            if file.synergy is not None or file.tool_axis is not None:
+                raise
+            self.notes.append(f"no synergy space could be derived: {error}")
+            synergy = None
+        return replace(hand, synergy=synergy, mirror=self._mirror(file, hand))
+
+    def _told_synergy(self, file: HandFile, hand: Hand) -> Synergy | None:
+        """The hand file's synergy space, checked against the joints and their limits."""
+        if file.synergy is None:
+            return None
+        n, axes = len(hand.joints), file.synergy.axes
+        for what, numbers in (
+            ("neutral_rad", file.synergy.neutral_rad),
+            *((f"axes[{a.name}].column", a.column) for a in axes),
+        ):
+            if len(numbers) != n:
+                raise self.fail(
+                    f"synergy.{what} has {len(numbers)} numbers, the hand has {n} joints: {', '.join(hand.joints)}"
+                )
+        for axis in axes:
+            if axis.range[0] >= axis.range[1]:
+                raise self.fail(f"synergy.axes[{axis.name}].range is {list(axis.range)}, expected the lower end first")
+        columns = np.array([a.column for a in axes])
+        gram = columns @ columns.T
+        if np.abs(gram - np.diag(np.diag(gram))).max() > 1e-9 * gram.max() or np.diag(gram).min() <= 0:
+            raise self.fail("synergy.axes have columns that are not orthogonal to each other (or zero)")
+        synergy = Synergy(
+            tuple(a.name for a in axes),
+            file.synergy.neutral_rad,
+            tuple(a.column for a in axes),
+            tuple(a.delta for a in axes),
+            tuple(a.range for a in axes),
+        )
+        coordinates = [c for b in hand.branches for c in b.coordinates]
+        for corner in product(*synergy.ranges):
+            q = synergy.posture(np.array(corner))
+            for c, angle in zip(coordinates, q, strict=True):
+                if not c.low_rad <= angle <= c.high_rad:
+                    at = ", ".join(f"{name} {value:g}" for name, value in zip(synergy.axes, corner, strict=True))
+                    raise self.fail(
+                        f"synergy.axes.range cannot be reached: at {at} joint {c.joint} is at {angle:.3f} rad, its "
+                        f"limits in the model are {c.low_rad:g} to {c.high_rad:g}; narrow the ranges"
+                    )
+        return synergy
+
+    def _mirror(self, file: HandFile, hand: Hand) -> Mirror | None:
+        if file.mirror is None:
+            return find_mirror(hand)
+        mirror = mirror_in(hand, np.array(file.mirror.normal))
+        if mirror is None:
+            raise self.fail(
+                "mirror.normal: the hand is not its own image in this plane through the palm frame's origin; leave "
+                "[mirror] out"
+            )
+        return mirror
 
     def _colliders(self, model: _Model, bodies: Sequence[int]) -> list[int]:
         contype, affinity, body = (model.array(f"geom_{n}") for n in ("contype", "conaffinity", "bodyid"))
@@ -611,13 +745,14 @@ class _Reader:
                             f"{c.high_rad:g}"
                         )
             return out[0], out[1]
-        synergy = file.synergy.get("neutral_rad")
-        if synergy is not None:
-            if len(synergy) != len(coordinates):
+        if file.synergy is not None:
+            neutral = file.synergy.neutral_rad
+            if len(neutral) != len(coordinates):
                 raise self.fail(
-                    f"synergy.neutral_rad has {len(synergy)} numbers, the hand has {len(coordinates)} joints"
+                    f"synergy.neutral_rad has {len(neutral)} numbers, the hand has {len(coordinates)} joints: "
+                    + ", ".join(hand.joints)
                 )
-            return np.array(synergy, float), np.array(synergy, float)
+            return np.array(neutral, float), np.array(neutral, float)
         low, high = (np.array([getattr(c, n) for c in coordinates]) for n in ("low_rad", "high_rad"))
         self.notes.append("no open and closed posture are told ([closing]): taken from the joints' ranges")
         start = np.clip(np.zeros(len(coordinates)), low, high)

@@ -19,11 +19,13 @@ from small_data import SMALL, begin
 
 from aminn_base.errors import AminnError, InUseError
 from aminn_base.lock import NAME as LOCK
+from aminn_hand import Hand
 from aminn_sim import SimulationConfig, SimulationError, _core, simulate
 from aminn_sim.hand_file import default_hand_file
 from aminn_sim.read import read_data
 from aminn_sim.schema import GROUPS, SAMPLE_FIELDS
 from aminn_sim.simulate import UNFINISHED, shard_name
+from aminn_sim.understand import understand
 
 Figures = dict[str, float | int | str | bool]
 
@@ -61,7 +63,7 @@ def test_other_seeds_give_other_grasps(dataset_dir: Path, tmp_path: Path) -> Non
 def test_manifest_describes_the_shards(dataset_dir: Path) -> None:
     data = read_data(dataset_dir)
     manifest, samples, grasps = data.manifest, data.samples, data.grasps
-    assert manifest["schema_version"] == 2 and manifest["simulator"].startswith("MuJoCo 2.2")
+    assert manifest["schema_version"] == 3 and manifest["simulator"].startswith("MuJoCo 2.2")
     assert manifest["n_samples"] == len(samples["stable"]) == SMALL["grasps"] * SMALL["cases"]
     assert manifest["n_grasps"] == len(grasps["grasp_id"]) == SMALL["grasps"]
     assert manifest["config"]["seed"] == manifest["seed"] == SMALL["seed"]
@@ -70,8 +72,7 @@ def test_manifest_describes_the_shards(dataset_dir: Path) -> None:
     text = (dataset_dir / "manifest.json").read_text()
     assert text == json.dumps(json.loads(text), sort_keys=True, indent=1) + "\n"
     assert set(manifest["fields"]) == set(SAMPLE_FIELDS) | {f"{g}/{n}" for g in ("grasps", "noise") for n in GROUPS[g]}
-    hand = manifest["hand"]
-    assert hand["branch_joints"] == [[0, 1, 2], [3, 4, 5], [-1, 6, 7]] and len(hand["tendons"]) == 6
+    assert Hand.from_dict(manifest["hand"]) == understand(default_hand_file()).hand
 
 
 def test_samples_are_finite_and_consistent(dataset_dir: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from aminn_hand.flat import flat
 from aminn_sim import SimulationConfig, SimulationError, _core
 from aminn_sim.quality import dataset_figures, waiting_figures
 from aminn_sim.read import read_data
@@ -64,7 +65,7 @@ def test_a_lost_tendon_would_show() -> None:
 
 def test_formula_on_the_data_set(dataset_dir: Path) -> None:
     data = read_data(dataset_dir)
-    figures = dataset_errors(data.manifest["hand"], data.samples, data.grasps)
+    figures = dataset_errors(flat(data.hand), data.samples, data.grasps)
     assert figures["theory_all_loads_relative_error_median"] < 0.35
     assert all(np.isfinite(v) for v in figures.values())
 

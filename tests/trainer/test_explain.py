@@ -49,9 +49,7 @@ def test_picture_is_written(runs: dict[str, Checkpoint], dataset: Dataset, tmp_p
         draw(e, tmp_path / "e.bmp")
 
 
-def test_picture_into_a_fifo_and_through_a_link(
-    runs: dict[str, Checkpoint], dataset: Dataset, tmp_path: Path
-) -> None:
+def test_picture_into_a_fifo_and_through_a_link(runs: dict[str, Checkpoint], dataset: Dataset, tmp_path: Path) -> None:
     e = explain_sample(runs["aminn"], dataset, 7)
     os.mkfifo(tmp_path / "fifo")
     with ThreadPoolExecutor(1) as pool:

@@ -115,7 +115,6 @@ def test_damaged_checkpoint_gives_a_clear_error(runs: dict[str, Checkpoint], tmp
         load_checkpoint(tmp_path)
 
 
-
 def test_exported_tables(runs: dict[str, Checkpoint]) -> None:
     exported = export_tables(runs["aminn"])
     assert all(t.dtype == np.float32 and np.isfinite(t).all() for t in exported.tensors.values())

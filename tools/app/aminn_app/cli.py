@@ -185,9 +185,7 @@ def train(
 @click.option("--split", default="test", show_default=True, type=click.Choice(["train", "validation", "test"]))
 @TRAINED_ON
 @click.option("--json", "json_file", type=NEW_FILE, help="Write every figure here, as flat keys.")
-def evaluate(
-    data: Path, runs: tuple[Path, ...], split: str, trained_on: Path | None, json_file: Path | None
-) -> None:
+def evaluate(data: Path, runs: tuple[Path, ...], split: str, trained_on: Path | None, json_file: Path | None) -> None:
     """Print the figures of trained models beside the analytical model, no motion and the ground truth."""
     from aminn.data.dataset import load_dataset
     from aminn.evaluation.evaluate import evaluate as run

@@ -275,6 +275,15 @@ class Synergy:
     ranges: tuple[Vector, ...]
     """(S, 2) of psi that is sampled."""
 
+    def psi(self, q: Array) -> Array:
+        """Synergy coordinates (S) of joint angles q (J)."""
+        return np.asarray((np.array(self.columns) @ (q - self.neutral_rad)) * self.delta)
+
+    def posture(self, psi: Array) -> Array:
+        """The joint angles (J) of psi (S) that are nearest to the neutral ones; psi(posture(x)) = x."""
+        a = np.array(self.columns)
+        return np.asarray(np.array(self.neutral_rad) + a.T @ np.linalg.solve(a @ a.T, psi / np.array(self.delta)))
+
 
 @dataclass(frozen=True)
 class ContactModel:
@@ -344,6 +353,33 @@ class Hand:
             sum(len(b.tendons) for b in self.branches),
             sum(b.gated_tendon is not None for b in self.branches),
         )
+
+    @cached_property
+    def sides(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """The branches that a pinch is between: the smallest group (of equal ones the last) second, all others first.
+
+        Empty second side where all branches are of one group.
+        """
+        groups = [b.group for b in self.branches]
+        named = list(dict.fromkeys(groups))
+        thumb = min(reversed(named), key=groups.count)
+        second = tuple(b for b, g in enumerate(groups) if g == thumb) if len(named) > 1 else ()
+        return tuple(b for b in range(len(groups)) if b not in second), second
+
+    def tips(self, q: Array) -> Array:
+        """Pad points (B, 3), m, H, at joint angles q (J)."""
+        return np.array(
+            [b.moved(q[at], np.array(b.tip_point_m)) for b, at in zip(self.branches, self.branch_joints, strict=True)]
+        )
+
+    def coupled(self, q: Array) -> Array:
+        """The joint angles (J) nearest to q at which the couplings are at rest."""
+        q = q.copy()
+        for branch, at in zip(self.branches, self.branch_joints, strict=True):
+            for coupling in branch.couplings:
+                ratio = np.array(coupling.ratio)
+                q[at] = q[at] - ratio * (ratio @ q[at]) / (ratio @ ratio)
+        return q
 
     @cached_property
     def coordinate_joints(self) -> tuple[tuple[int, ...], ...]:

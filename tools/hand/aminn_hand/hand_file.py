@@ -9,7 +9,7 @@ import importlib.util
 import tomllib
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationError
 
@@ -32,6 +32,8 @@ class BranchTable(_Table):
     """Body that touches the tool."""
     point: Vector3 | None = None
     """Pad point in the tip body's frame, m."""
+    geoms: tuple[str, ...] = ()
+    """Geoms that are the fingertip; default: every colliding geom of the tip body and of what is fixed to it."""
     group: str | None = None
     """Branches of one group face those of the others."""
 
@@ -62,6 +64,43 @@ class CouplingTable(_Table):
     ratio: float = 1.0
 
 
+class ContactTable(_Table):
+    """How the fingertips touch."""
+
+    model: Literal["point", "soft_finger"] = "point"
+    """`point`: a contact passes on a force. `soft_finger`: and a moment about its normal."""
+    torsional_friction_m: PositiveFloat = 0.003
+    """Of soft fingers: greatest moment over normal force."""
+    compliance_m_N: PositiveFloat | dict[str, PositiveFloat] | None = None
+    """Nominal give of a contact along its normal, of all branches or by branch; default: the engine's own."""
+
+
+class SynergyAxisTable(_Table):
+    """One axis of the synergy space."""
+
+    name: str
+    column: tuple[float, ...]
+    """Of A, a number for each joint in the order of the branches."""
+    delta: PositiveFloat
+    """1/rad."""
+    range: tuple[float, float]
+    """Of psi that is sampled."""
+
+
+class SynergyTable(_Table):
+    """Synergy space psi = ((q - o) A) * delta that postures are drawn from; default: from [closing]."""
+
+    neutral_rad: tuple[float, ...]
+    """o, a number for each joint in the order of the branches."""
+    axes: Annotated[tuple[SynergyAxisTable, ...], Field(min_length=1, max_length=3)]
+
+
+class MirrorTable(_Table):
+    """A plane through the palm frame's origin that carries the hand onto itself; default: found, if there is one."""
+
+    normal: Vector3
+
+
 class HandFile(_Table):
     """A checked hand file."""
 
@@ -79,9 +118,13 @@ class HandFile(_Table):
     closing: ClosingTable | None = None
     stiffness: StiffnessTable = StiffnessTable()
     coupling: tuple[CouplingTable, ...] = ()
-    contact: dict[str, Any] = {}
-    synergy: dict[str, Any] = {}
-    mirror: dict[str, Any] | None = None
+    tool_axis: Vector3 | None = None
+    """Which way the long axis of a tool lies, in the palm's frame; default: along the wider group of fingertips."""
+    length_m: PositiveFloat = 0.1
+    """Characteristic length: what a rotation of 1 rad counts as."""
+    contact: ContactTable = ContactTable()
+    synergy: SynergyTable | None = None
+    mirror: MirrorTable | None = None
 
 
 _KINDS = {

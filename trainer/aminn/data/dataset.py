@@ -19,11 +19,13 @@ from numpy.typing import NDArray
 from aminn_base.errors import AminnError
 from aminn_base.lock import read_shared
 from aminn_base.read import AnyPath, read_json, require
+from aminn_hand.flat import flat
+from aminn_hand.hand import Hand
 
 from ..hand.dims import INPUT_SHAPES, N_JOINT, N_TENDON, N_WRENCH
 from ..hand.nominal import gated_tendons
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 MANIFEST_KEYS: dict[str, type] = {
     "config_sha256": str,
     "shards": list,
@@ -150,6 +152,8 @@ def read_manifest(path: AnyPath) -> dict:
         if Path(shard["file"]).name != shard["file"]:
             name = shard["file"]
             raise AminnError(f"{file}: shards[{n}].file is {name!r}, expected a file beside the manifest; {ANEW}")
+    if "palm_normal" in manifest["hand"]:
+        manifest["hand"] = flat(Hand.from_dict(manifest["hand"]))
     require(f"{file}: hand", manifest["hand"], HAND_KEYS, ANEW)
     for n, tendon in enumerate(manifest["hand"]["tendons"]):
         require(f"{file}: hand.tendons[{n}]", _table(file, f"hand.tendons[{n}]", tendon), TENDON_KEYS, ANEW)

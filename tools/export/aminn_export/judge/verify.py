@@ -228,9 +228,7 @@ def compare(target: str, results: Results, exact: Exact, names: Callable[[int], 
     return Verdict(figures, verdict.failures, verdict.judged)
 
 
-def evaluate_exact(
-    export_dir: Path, model: BinModel, inputs: dict[str, NDArray], engine: str = "onnxruntime"
-) -> Exact:
+def evaluate_exact(export_dir: Path, model: BinModel, inputs: dict[str, NDArray], engine: str = "onnxruntime") -> Exact:
     """The outputs of the ONNX model in one of `engines.ENGINES`, and the float64 outputs."""
     file = export_dir / ONNX_FILE
     if not file.is_file():

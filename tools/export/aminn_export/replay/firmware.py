@@ -62,9 +62,7 @@ def build_firmware(
     return build_dir / "aminn_firmware.elf"
 
 
-def run_firmware(
-    image: Path | str, vectors: Path | str, out: Path | str, target: str = "cortex_m7"
-) -> dict[str, int]:
+def run_firmware(image: Path | str, vectors: Path | str, out: Path | str, target: str = "cortex_m7") -> dict[str, int]:
     """Replay a vector file on the emulated target; writes a result file (`vectors.read_results`), returns its figures.
 
     Figures: samples, refused, context_bytes, stack_predict_bytes, stack_high_water_bytes, instructions_per_prediction,

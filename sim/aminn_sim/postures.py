@@ -1,0 +1,133 @@
+"""Where the fingertips of a hand pinch: the tool's long axis and the synergy space, from its closing motion.
+
+The synergy space is that of a closing motion, for random postures have no few directions in common: principal axes of
+the postures that put the fingertips on both sides of tools of several sizes and heights, nearest to half closed.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aminn_base.errors import AminnError
+from aminn_hand.hand import Hand, Synergy
+
+Array = NDArray[np.float64]
+RADII_M = (0.008, 0.0122, 0.0165, 0.0208, 0.025)
+"""Of tools, as `SimulationConfig` draws them by default."""
+HEIGHTS_M = (-0.005, 0.0, 0.005)
+CLEARANCE_M = 0.0025
+LIMIT_MARGIN_RAD = 0.05
+"""Derived postures stay so far from the joints' limits."""
+LEAST_SHARE = 0.01
+"""An axis that carries less of the postures' variance is left out."""
+NEAR_M = 1.5e-3
+"""A fingertip that stays farther from its place does not reach it."""
+NAMES = ("size", "height", "spread")
+
+
+def pinch_frame(hand: Hand, q: Array, tool_axis: Array) -> tuple[Array, Array]:
+    """Middle of the pinch (3), m, and R (3, 3): columns are tool axis, pinch from the second side to the first, up."""
+    tips, (first, second) = hand.tips(q), hand.sides
+    ends = tips[list(first)].mean(0), tips[list(second)].mean(0)
+    y = (ends[0] - ends[1]) / np.linalg.norm(ends[0] - ends[1])
+    x = tool_axis - (tool_axis @ y) * y
+    x = x / np.linalg.norm(x)
+    return 0.5 * (ends[0] + ends[1]), np.stack([x, y, np.cross(x, y)], 1)
+
+
+def find_tool_axis(hand: Hand, q: Array) -> Array:
+    """(3) unit: along the wider side's fingertips at q (J), square to the pinch; of two branches square to the palm."""
+    tips, (first, second) = hand.tips(q), hand.sides
+    y = tips[list(first)].mean(0) - tips[list(second)].mean(0)
+    y = y / np.linalg.norm(y)
+    wider = first if len(first) >= len(second) else second
+    spread = tips[list(wider)] - tips[list(wider)].mean(0)
+    spread = spread - np.outer(spread @ y, y)
+    along = np.linalg.svd(spread)[2][0] if np.linalg.norm(spread) > 1e-3 else np.cross(y, hand.palm_normal)
+    if np.linalg.norm(along) < 1e-6:
+        raise AminnError(
+            f"hand {hand.name}: the pinch runs along the palm normal, so that the long axis of a tool does not "
+            "follow; tell tool_axis"
+        )
+    along = along - (along @ y) * y
+    return np.asarray(along * np.sign(along[np.argmax(np.abs(along))]) / np.linalg.norm(along))
+
+
+def find_synergy(hand: Hand, closing: tuple[Array, Array], reach_m: Array) -> Synergy:
+    """Synergy space of a hand that closes from one posture (J) to the other; `reach_m` (B) is the tips' half thickness.
+
+    Raises AminnError where the fingertips reach no tool.
+    """
+    low, high = (
+        np.array([getattr(c, n) for b in hand.branches for c in b.coordinates]) for n in ("low_rad", "high_rad")
+    )
+    margin = np.minimum(LIMIT_MARGIN_RAD, 0.25 * (high - low))
+    limits = low + margin, high - margin
+    middle = np.clip(hand.coupled(0.5 * (closing[0] + closing[1])), *limits)
+    centre, R = pinch_frame(hand, middle, np.array(hand.tool_axis))
+    found = [
+        q
+        for radius, height in product(RADII_M, HEIGHTS_M)
+        if (q := _reaching(hand, middle, centre + height * R[:, 2], R, radius + CLEARANCE_M + reach_m, limits))
+        is not None
+    ]
+    if len(found) < 2:
+        if not (closing[1] - closing[0]).any():
+            raise AminnError(
+                f"hand {hand.name}: the fingertips reach no tool of {2e3 * RADII_M[0]:.0f} to {2e3 * RADII_M[-1]:.0f} "
+                "mm, and no closing motion is told ([closing] open and closed)"
+            )
+        found = [closing[0], closing[1]]
+    postures = np.array(found)
+    neutral = postures.mean(0)
+    _, sizes, axes = np.linalg.svd(postures - neutral, full_matrices=False)
+    axes = axes[: max(1, min(len(NAMES), int(np.sum(sizes**2 > LEAST_SHARE * np.sum(sizes**2)))))]
+    opening = np.array([_gap(hand, neutral + 0.02 * a) - _gap(hand, neutral - 0.02 * a) for a in axes])
+    order = np.argsort(-np.abs(opening))  # the axis that opens most is the size; a larger one opens
+    axes = (axes * np.where(opening < 0, -1.0, 1.0)[:, None])[order]
+    half = np.abs((postures - neutral) @ axes.T).max(0)
+    return Synergy(
+        NAMES[: len(axes)],
+        tuple(neutral.tolist()),
+        tuple(tuple(a) for a in axes.tolist()),
+        tuple((1 / (half * _within(neutral, axes * half[:, None], low + 0.6 * margin, high - 0.6 * margin))).tolist()),
+        ((-1.0, 1.0),) * len(axes),
+    )
+
+
+def _gap(hand: Hand, q: Array) -> float:
+    tips, (first, second) = hand.tips(q), hand.sides
+    return float(np.linalg.norm(tips[list(first)].mean(0) - tips[list(second)].mean(0)))
+
+
+def _within(neutral: Array, steps: Array, low: Array, high: Array) -> float:
+    """The largest share of `steps` (S, J), to both sides together, that stays within the limits; at most 1."""
+    room = np.minimum(high - neutral, neutral - low)
+    most = np.abs(steps).sum(0)
+    return float(min(1.0, np.min(room[most > 0] / most[most > 0])))
+
+
+def _reaching(
+    hand: Hand, q: Array, centre: Array, R: Array, distance_m: Array, limits: tuple[Array, Array]
+) -> Array | None:
+    """The posture near q whose fingertips lie `distance_m` (B) to their side of `centre`, at its height; or None."""
+    q, (first, _) = q.copy(), hand.sides
+    side = np.array([1.0 if b in first else -1.0 for b in range(len(hand.branches))])
+    for _ in range(200):
+        off = (hand.tips(q) - centre) @ R
+        missing = np.stack([side * distance_m - off[:, 1], -off[:, 2]], 1)  # along the pinch, and up
+        for b, (branch, at) in enumerate(zip(hand.branches, hand.branch_joints, strict=True)):
+            free = np.eye(len(q[at]))
+            for c in branch.couplings:
+                ratio = np.array(c.ratio)
+                free = free - free @ np.outer(ratio, ratio) @ free / max(float(ratio @ free @ ratio), 1e-12)
+            J = R[:, 1:].T @ branch.jacobian(q[at], branch.moved(q[at], np.array(branch.tip_point_m))) @ free
+            step = free @ J.T @ np.linalg.solve(J @ J.T + 1e-6 * np.eye(2), missing[b])
+            q[at] = q[at] + step * min(1.0, 0.1 / max(float(np.abs(step).max()), 1e-9))
+        q = hand.coupled(np.clip(q, *limits))
+    reached = np.abs((hand.tips(q) - centre) @ R[:, 1] - side * distance_m).max() < NEAR_M
+    inside = bool((q >= limits[0] - 1e-9).all() and (q <= limits[1] + 1e-9).all())
+    return q if reached and inside else None
