@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -87,3 +89,15 @@ def test_the_built_in_hand_is_read_as_the_simulator_reads_it(tmp_path: Path) -> 
         assert [t.stiffness_N_m for t in branch.tendons] == [t["stiffness_N_m"] for t in tendons]
         assert [t.max_tension_N for t in branch.tendons] == [t["max_tension_N"] for t in tendons]
         assert branch.gated_tendon == 0
+
+
+def test_head_and_cholesky_factor_have_one_order() -> None:
+    dims = understand(MODELS / "hand.toml").hand.dims
+    assert dims.cholesky_entries == ((0, 0), (1, 1), (2, 2), (1, 0), (2, 0), (2, 1))
+    assert list(dims.head_parts) == ["diagonal", "below", "direction", "gain", "alpha", "beta", "rho"]
+    assert [(p.start, p.stop) for p in dims.head_parts.values()] == list(pairwise([0, 3, 6, 9, 10, 11, 12, 13]))
+    bare = replace(dims, coordinates=4, gates=0)
+    assert bare.branch_head == 10 and bare.cholesky_entries[4:] == ((1, 0), (2, 0), (2, 1), (3, 0), (3, 1), (3, 2))
+    assert list(bare.head_parts) == ["diagonal", "below"]
+    one = replace(dims, coordinates=1)
+    assert one.branch_head == 6 and one.head_parts["below"] == slice(1, 1)

@@ -196,14 +196,33 @@ class Dims:
         return self.joints + 3 * N_WRENCH
 
     @property
+    def cholesky_entries(self) -> tuple[tuple[int, int], ...]:
+        """(row, column) of each number of a branch's packed Cholesky factor: the diagonal, then row by row below it."""
+        c = range(self.coordinates)
+        return (*((i, i) for i in c), *((i, j) for i in c for j in range(i)))
+
+    @property
     def cholesky(self) -> int:
         """Numbers of a branch's packed Cholesky factor."""
-        return self.coordinates * (self.coordinates + 1) // 2
+        return len(self.cholesky_entries)
+
+    @property
+    def head_parts(self) -> dict[str, slice]:
+        """Where each correction stands that the mechanics head gives for a branch. Tables, files and models follow it.
+
+        Without gates it gives the Cholesky factor alone.
+        """
+        c = self.coordinates
+        sizes = {"diagonal": c, "below": self.cholesky - c}
+        if self.gates:
+            sizes |= {"direction": c, "gain": 1, "alpha": 1, "beta": 1, "rho": 1}
+        ends = np.cumsum([0, *sizes.values()]).tolist()
+        return {name: slice(a, b) for name, (a, b) in zip(sizes, pairwise(ends), strict=True)}
 
     @property
     def branch_head(self) -> int:
-        """Corrections that the mechanics head gives for a branch: Cholesky factor; direction, gain, gate if any."""
-        return self.cholesky + (self.coordinates + 1 + N_GATE if self.gates else 0)
+        """Corrections that the mechanics head gives for a branch."""
+        return max(part.stop for part in self.head_parts.values())
 
     @property
     def head(self) -> int:
