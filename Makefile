@@ -87,8 +87,8 @@ paper ablation:
 	@$(PYTHON) -m aminn_app.study $@ --data $(BUILD)/dataset --build $(BUILD) --seeds $(SEEDS) --jobs $(JOBS)
 
 .PHONY: tables
-tables: setup-python ## the tables of README and docs anew from build/reports (paper.json, ablation.json)
-	@$(PYTHON) -m aminn_app.paper_table --reports $(REPORTS) README.md docs/evaluation.md
+tables: setup-python ## the tables of README and docs anew from build/studies (paper, ablation)
+	@$(PYTHON) -m aminn_app.paper_table --studies $(BUILD)/studies README.md docs/evaluation.md
 
 .PHONY: step
 step: setup-python ## time of a training step, AMINN beside the MLP, on build/dataset

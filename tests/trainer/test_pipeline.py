@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from aminn.training.train import train
 from aminn_app import study
 from aminn_app.paper_table import filled, write_tables
 from aminn_app.pipeline import anew_if_outdated
+from aminn_app.records import Row, Study, over_seeds
 from aminn_base.errors import AminnError, InUseError, WriteError
 
 
@@ -67,23 +69,27 @@ def test_regimes_differ_from_the_training_data_in_one_respect(dataset: Dataset) 
 
 
 def test_study_gathers_mean_and_spread_over_runs() -> None:
-    found = study.gather([{"f1": 1.0, "gone": None}, {"f1": 3.0, "gone": 2.0}])
-    assert found == {"f1_mean": 2.0, "f1_sd": pytest.approx(np.std([1, 3], ddof=1)), "gone_mean": 2.0, "gone_sd": 0.0}
+    runs = [(0, {"": {"f1": 1.0, "gone": None}}), (1, {"": {"f1": 3.0, "gone": 2.0}})]
+    (row,) = over_seeds("iid", "aminn", 100.0, runs)
+    assert row.mean == {"f1": 2.0, "gone": 2.0} and row.seeds == 2
+    assert row.sd == {"f1": pytest.approx(np.std([1, 3], ddof=1)), "gone": 0.0}
 
 
 def test_a_study_writes_its_table_and_goes_on(data_dir: Path, tmp_path: Path, monkeypatch) -> None:
     """Two runs of each model on a share of the data: the report has every test set, and nothing is trained twice."""
     jobs = [study.Job(k, TrainConfig(kind=k, epochs=1, train_fraction=f)) for f in (1.0, 0.3) for k in ("aminn", "mlp")]
-    still = study._still(load_dataset(data_dir))
+    data = load_dataset(data_dir)
     done = {job: study._run("paper", job, tmp_path, data_dir, 0) for job in jobs}
-    report = study.summarise("paper", done, still)
+    found = study.summarise("paper", done, study._facts(data), study._still(data))
+    np.testing.assert_equal(Study.from_json(json.loads(json.dumps(found.as_json()))).flat(), found.flat())
+    report = found.flat()
     for name in study.REGIMES:
         assert 0 <= report[f"{name}_aminn_f1_mean"] <= 1 and report[f"{name}_label_n_samples"] > 0
     assert report["iid_aminn_passivity_violation_full_mean"] == 0
     assert "learning_30pc_mlp_rmse_pose_mean" in report and "learning_100pc_aminn_f1_mean" in report
     monkeypatch.setattr(study, "train", None)
     assert {job: study._run("paper", job, tmp_path, data_dir, 0) for job in jobs} == done
-    text = write_tables("paper", report, tmp_path)
+    text = write_tables("paper", found, tmp_path)
     for row in ("new tool family", "larger loads", "full-work violations exactly 0", "| 30 % | AMINN |", "force x"):
         assert row in text
 
@@ -98,9 +104,9 @@ def test_what_is_told_stands_among_the_inputs_and_changes_the_identity(dataset: 
 
 def test_marked_tables_are_written_anew() -> None:
     text = "a\n<!-- table: ablation -->\nold\n<!-- end of table -->\nb\n<!-- table: other -->\nc\n<!-- end of table -->"
-    new = filled(text, "ablation", {"iid_shipped_seeds": 1, "iid_shipped_f1_mean": 0.5, "iid_shipped_f1_sd": 0.0})
+    new = filled(text, "ablation", Study({}, [Row("iid", "shipped", {"f1": 0.5}, {"f1": 0.0}, 1)]))
     assert "old" not in new and "| **shipped** | 0.500 |" in new and "\nc\n" in new
-    assert filled(new, "ablation", {}) != new and filled(text, "paper", {}) == text
+    assert filled(new, "ablation", Study({}, [])) != new and filled(text, "paper", Study({}, [])) == text
 
 
 def test_ablation_is_judged_on_validation_grasps_alone(dataset: Dataset) -> None:

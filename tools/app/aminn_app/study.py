@@ -25,7 +25,7 @@ import numpy as np
 
 from aminn.data.dataset import Dataset, load_dataset
 from aminn.data.regimes import REGIMES, SELECTION, known, regimes, told
-from aminn.evaluation.analysis import breakdown, compliance_figures, gate_figures, noise_figures, squared_error_shares
+from aminn.evaluation.analysis import breakdown, compliance_figures, gate_figures, noise_figures, slip_figures
 from aminn.evaluation.evaluate import analytical, figures_of, label_figures, learned, no_motion
 from aminn.model.checkpoint import Checkpoint
 from aminn.model.config import TrainConfig
@@ -34,12 +34,12 @@ from aminn_base.errors import AminnError
 from aminn_base.files import write_json
 from aminn_base.program import Messages
 
-from .paper_table import write_tables
+from .paper_table import read_study, write_tables
 from .pipeline import anew_if_outdated
+from .records import WHOLE, Facts, Parts, Row, Study, over_seeds
 
-Figures = dict[str, float]
 # To be raised with every change of the figures, so that those of kept runs are taken again.
-FIGURES_VERSION = 2
+FIGURES_VERSION = 3
 BASE = TrainConfig()
 BASELINE = replace(BASE, kind="mlp", weight_decay=0.0)
 """The MLP without weight decay: on validation grasps its RMSE is a sixth less so, AMINN's is not (`make ablation`)."""
@@ -140,17 +140,17 @@ def _tests(data: Dataset, study: str, fraction: float) -> dict[str, Dataset]:
     return tests
 
 
-def figures_on(checkpoint: Checkpoint, name: str, data: Dataset, deep: bool) -> Figures:
-    """All figures of a run on one test set; `deep`: with the breakdowns."""
+def figures_on(checkpoint: Checkpoint, name: str, data: Dataset, deep: bool) -> Parts:
+    """All figures of a run on one test set; `deep`: with its parts and under noise."""
     prediction = learned(checkpoint, data, name)
-    figures = figures_of(prediction, data) | gate_figures(prediction, data)
-    if deep:
-        figures |= breakdown(prediction, data) | squared_error_shares(prediction, data)
-        figures |= compliance_figures(prediction, data) | noise_figures(checkpoint, data)
-    return figures
+    whole = figures_of(prediction, data) | gate_figures(prediction, data)
+    if not deep:
+        return {"": whole}
+    whole |= slip_figures(prediction, data) | compliance_figures(prediction, data)
+    return {"": whole} | breakdown(prediction, data) | noise_figures(checkpoint, data)
 
 
-def _run(study: str, job: Job, folder: Path, path: Path, position: int) -> dict[str, Figures]:
+def _run(study: str, job: Job, folder: Path, path: Path, position: int) -> dict[str, Parts]:
     """Train one run and judge it, or read what an earlier call found: test set -> figures."""
     data = _data(path)
     part = told(known(data), job.secret)
@@ -167,61 +167,43 @@ def _run(study: str, job: Job, folder: Path, path: Path, position: int) -> dict[
     tests = {k: told(v, job.secret) for k, v in _tests(data, study, job.config.train_fraction).items()}
     deep = study == "paper" and job.config.train_fraction == 1.0
     figures = {name: figures_on(checkpoint, name, test, deep and name == "iid") for name, test in tests.items()}
-    figures["iid"] |= {"seconds": seconds, "n_parameters": checkpoint.meta["n_parameters"]}
+    figures["iid"][""] |= {"seconds": seconds, "n_parameters": checkpoint.meta["n_parameters"]}
     write_json(kept, {"identity": identity, "figures": figures})
     return json.loads(kept.read_text())["figures"]
 
 
-def spread(values: list[float]) -> float:
-    """Standard deviation of a sample; 0 for a single value."""
-    return float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
-
-
-def gather(rows: list[Figures]) -> Figures:
-    """`<figure>_mean` and `<figure>_sd` over runs; a figure that a run has not counts as missing."""
-    found: Figures = {}
-    for key in rows[0]:
-        values = [row[key] for row in rows if row.get(key) is not None and np.isfinite(row[key])]
-        if values:
-            found |= {f"{key}_mean": float(np.mean(values)), f"{key}_sd": spread(values)}
-    return found
-
-
-def _still(data: Dataset) -> dict[str, float | int | str]:
-    """What no seed changes: size and labels of the test sets, the analytical model and no motion on them."""
-    report: dict[str, float | int | str] = {"trained_on": SELECTION}
-    validation = known(data).split("validation")
+def _facts(data: Dataset) -> Facts:
+    """Size of the data set and of its training part."""
     train_part = known(data).split("train")
-    report |= {"train_n_samples": len(train_part), "train_n_grasps": len(np.unique(train_part.samples["grasp_id"]))}
-    report["dataset_n_samples"] = len(data)
+    n_grasps = len(np.unique(train_part.samples["grasp_id"]))
+    return {
+        "trained_on": SELECTION,
+        "train_n_samples": len(train_part),
+        "train_n_grasps": n_grasps,
+        "dataset_n_samples": len(data),
+    }
+
+
+def _still(data: Dataset) -> list[Row]:
+    """What no seed changes: labels of the test sets, the analytical model and no motion on them."""
+    rows, validation = [], known(data).split("validation")
     for name, test in _tests(data, "paper", 1.0).items():
-        report |= {f"{name}_label_{key}": value for key, value in label_figures(test).items()}
+        rows.append(Row(name, "label", label_figures(test)))
         for prediction in (analytical(test, validation), no_motion(test)):
-            row = figures_of(prediction, test)
-            report |= {f"{name}_{prediction.name}_{key}": value for key, value in row.items()}
-    return report
+            rows.append(Row(name, prediction.name, figures_of(prediction, test)))
+    return rows
 
 
-def summarise(study: str, done: dict[Job, dict[str, Figures]], still: dict) -> dict:
-    """The report: figures of every variant by test set and share of the training grasps, as flat keys."""
-    groups: dict[str, list[Figures]] = {}
-    seeds: dict[str, set[int]] = {}
+def summarise(study: str, done: dict[Job, dict[str, Parts]], facts: Facts, still: list[Row]) -> Study:
+    """The study so far: figures of every variant by test set and share of the training grasps, over seeds."""
+    groups: dict[tuple[str, str, float], list[tuple[int, Parts]]] = {}
     for job, tests in done.items():
-        fraction = job.config.train_fraction
-        for name, figures in tests.items():
-            full = study == "ablation" or fraction == 1.0
-            keys = [f"{name}_{job.variant}"] if full else []
-            if study == "paper" and name == "iid":
-                keys.append(f"learning_{100 * fraction:g}pc_{job.variant}")
-            for key in keys:
-                groups.setdefault(key, []).append(figures)
-                seeds.setdefault(key, set()).add(job.config.seed)
-    report = dict(still)
-    for key, rows in groups.items():
-        report |= {f"{key}_{figure}": value for figure, value in gather(rows).items()}
-        report[f"{key}_seeds"] = len(seeds[key])
-    report["seconds_of_training"] = sum(tests["iid"]["seconds"] for tests in done.values())
-    return report
+        share = WHOLE if study == "ablation" else 100 * job.config.train_fraction
+        for name, parts in tests.items():
+            groups.setdefault((name, job.variant, share), []).append((job.config.seed, parts))
+    rows = [row for (name, variant, share), runs in groups.items() for row in over_seeds(name, variant, share, runs)]
+    seconds = sum(tests["iid"][""]["seconds"] for tests in done.values())
+    return Study(facts | {"seconds_of_training": seconds}, [*still, *rows])
 
 
 def _enough(data: Dataset, fraction: float) -> bool:
@@ -239,16 +221,18 @@ def main(study: str, data: Path, build: Path, seeds: int, jobs: int | None) -> N
     """Run a study and write its figures to build/reports/STUDY.json, its tables to STUDY.md."""
     folder, reports = build / "studies" / study, build / "reports"
     waiting = [job for job in JOBS[study](seeds) if _enough(known(_data(data)), job.config.train_fraction)]
-    still = _still(_data(data)) if study == "paper" else {}
+    facts, still = (_facts(_data(data)), _still(_data(data))) if study == "paper" else ({}, [])
     workers = min(len(waiting), jobs or len(os.sched_getaffinity(0)))
-    done: dict[Job, dict[str, Figures]] = {}
+    done: dict[Job, dict[str, Parts]] = {}
     with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
         futures = {pool.submit(_run, study, job, folder, data, k % workers): job for k, job in enumerate(waiting)}
         for future in as_completed(futures):
             done[futures[future]] = future.result()
-            report = summarise(study, done, still)
-            write_json(reports / f"{study}.json", report | {"runs": len(done), "runs_planned": len(waiting)})
-    text = write_tables(study, json.loads((reports / f"{study}.json").read_text()), reports)
+            runs: Facts = {"runs": len(done), "runs_planned": len(waiting)}
+            found = summarise(study, done, facts | runs, still)
+            write_json(folder / "rows.json", found.as_json())
+            write_json(reports / f"{study}.json", found.flat())
+    text = write_tables(study, read_study(folder), reports)
     click.echo(f"\n{text}\nfigures: {reports / f'{study}.json'}")
 
 

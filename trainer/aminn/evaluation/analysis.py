@@ -1,5 +1,5 @@
 """Where a model is right and where it is not: figures by load, tool and tendon regime, what its springs and gates mean,
-and what noisy sensors do to it. Everything returns flat keys, for the reports."""
+and what noisy sensors do to it."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ from .metrics import auroc, pose_error, pose_size
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Parts = dict[str, dict[str, float]]
+"""Figures by part of the load cases; "" is all of them."""
 
 MAGNITUDE_EDGES_N = (0.5, 2.0, 8.0)
 DIRECTIONS = ("force_x", "force_y", "force_z", "moment_x", "moment_y", "moment_z")
@@ -53,9 +55,10 @@ def groups(data: Dataset) -> Iterator[tuple[str, Mask]]:
     yield from (("tendons_taut", slack == 0), ("tendons_slack_1", slack == 1), ("tendons_slack_more", slack > 1))
 
 
-def breakdown(prediction: Prediction, data: Dataset) -> dict[str, float]:
-    """`<group>_<figure>` for every group that has load cases, errors over all truly stable ones."""
-    figures: dict[str, float] = {}
+def breakdown(prediction: Prediction, data: Dataset) -> Parts:
+    """Figures of every group that has load cases, errors over all truly stable ones, and its share of their squares."""
+    figures: Parts = {}
+    shares = squared_error_shares(prediction, data)
     for name, mask in groups(data):
         if not mask.any():
             continue
@@ -66,8 +69,8 @@ def breakdown(prediction: Prediction, data: Dataset) -> dict[str, float]:
             None if prediction.p_stable is None else prediction.p_stable[mask],
         )
         found = figures_of(inside, data.take(mask))
-        figures |= {f"{name}_{key}": found[key] for key in BREAKDOWN_FIGURES if key in found}
-        figures[f"{name}_n"] = int(mask.sum())
+        kept = {key: found[key] for key in BREAKDOWN_FIGURES if key in found}
+        figures[name] = kept | {"n": int(mask.sum()), "error_share": shares[name]}
     return figures
 
 
@@ -91,20 +94,31 @@ def contact_slip(data: Dataset) -> Array:
     return contacts[..., 0] * np.linalg.norm(gap - (gap * normal).sum(-1, keepdims=True) * normal, axis=-1)
 
 
+def squared_errors(prediction: Prediction, data: Dataset) -> Array:
+    """Squared pose error (n) of the truly stable cases, 0 of the others."""
+    s = data.samples
+    return np.where(s["stable"] > 0, pose_error(prediction.dx, s["dx_ht"]) ** 2, 0.0)
+
+
 def squared_error_shares(prediction: Prediction, data: Dataset) -> dict[str, float]:
     """Which share of the stable cases' squared error each group carries: where RMSE_pose is made."""
-    s = data.samples
-    stable = s["stable"] > 0
-    squares = np.where(stable, pose_error(prediction.dx, s["dx_ht"]) ** 2, 0.0)
-    figures = {f"error_share_{name}": float(squares[mask].sum() / squares.sum()) for name, mask in groups(data)}
-    moving = stable & (pose_size(s["dx_ht"]) >= 0.08)
-    figures["error_share_large_motions"] = float(squares[moving].sum() / squares.sum())
-    figures["large_motions_share"] = float(moving.sum() / stable.sum())
+    squares = squared_errors(prediction, data)
+    whole = max(squares.sum(), np.finfo(float).tiny)
+    return {name: float(squares[mask].sum() / whole) for name, mask in groups(data)}
+
+
+def slip_figures(prediction: Prediction, data: Dataset) -> dict[str, float]:
+    """The part in the squared error of large motions, and of cases in which a contact slid."""
+    stable, squares = data.samples["stable"] > 0, squared_errors(prediction, data)
+    moving = stable & (pose_size(data.samples["dx_ht"]) >= 0.08)
     slid = stable & (contact_slip(data).max(1) > SLID_M)
-    figures["error_share_slid"] = float(squares[slid].sum() / squares.sum())
-    figures["slid_share"] = float(slid.sum() / stable.sum())
-    figures["rmse_pose_not_slid"] = float(np.sqrt(squares[stable & ~slid].mean()))
-    return figures
+    return {
+        "error_share_large_motions": float(squares[moving].sum() / squares.sum()),
+        "large_motions_share": float(moving.sum() / stable.sum()),
+        "error_share_slid": float(squares[slid].sum() / squares.sum()),
+        "slid_share": float(slid.sum() / stable.sum()),
+        "rmse_pose_not_slid": float(np.sqrt(squares[stable & ~slid].mean())),
+    }
 
 
 def gate_figures(prediction: Prediction, data: Dataset) -> dict[str, float]:
@@ -182,12 +196,17 @@ def with_noise(data: Dataset, noise: SensorNoise, seed: int = 0) -> Dataset:
     return Dataset(data.manifest, s, data.grasps, data.noise, data.selection)
 
 
-def noise_figures(checkpoint: Checkpoint, data: Dataset) -> dict[str, float]:
-    """Figures with sensor noise of 0.5, 1 and 2 times `SensorNoise`: `noise<factor>_<figure>`."""
-    figures: dict[str, float] = {}
+def noise_part(factor: float) -> str:
+    """What figures at `factor` times the sensors' noise are called."""
+    return f"noise{factor:g}"
+
+
+def noise_figures(checkpoint: Checkpoint, data: Dataset) -> Parts:
+    """Figures with sensor noise of 0.5, 1 and 2 times `SensorNoise`, by `noise_part`."""
+    figures: Parts = {}
     for factor in NOISE_FACTORS:
         noisy = with_noise(data, SensorNoise().scaled(factor))
         found = figures_of(learned(checkpoint, noisy, "noisy"), data)
         kept = ("f1", "rmse_pose", "relative_error_median", "relative_error_p90", "ece")
-        figures |= {f"noise{factor:g}_{key}": found[key] for key in kept}
+        figures[noise_part(factor)] = {key: found[key] for key in kept}
     return figures
