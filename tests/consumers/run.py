@@ -19,10 +19,10 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from aminn.hand.dims import INPUT_SHAPES, OUTPUT_SHAPES
 from aminn_base.files import write_json
 from aminn_export.judge.verify import scaled_norm
 from aminn_export.samples.vectors import Vectors, read_vectors
+from aminn_hand.hand import INPUTS, OUTPUTS
 
 HERE = Path(__file__).resolve().parent
 BASELINE = "onnxruntime"
@@ -54,8 +54,9 @@ def differences(out: Outputs, reference: Outputs) -> dict[str, float]:
     """Largest difference of each output, in the units of LIMITS; infinite where it is not finite."""
     n = len(out["dx_ht"])
     found = {}
-    for name, limit_like in OUTPUT_SHAPES.items():
-        a, b = (np.asarray(v[name][:n], np.float64).reshape(n, *limit_like) for v in (out, reference))
+    for name in OUTPUTS:
+        b = np.asarray(reference[name][:n], np.float64)
+        a = np.asarray(out[name][:n], np.float64).reshape(b.shape)
         if name == "dx_ht":
             size = scaled_norm(a - b) / scaled_norm(b)
         else:
@@ -90,8 +91,8 @@ def judge(outputs_file: Path, baseline: Path, vectors: Vectors) -> Figures:
         figures["seconds"] = float(file["seconds"])
         figures["time_to_onnxruntime_ratio"] = float(file["seconds"] / base["seconds"])
         for how in WAYS:
-            out = {name: file[f"{how}/{name}"] for name in OUTPUT_SHAPES}
-            onnxruntime = {name: base[f"{how}/{name}"] for name in OUTPUT_SHAPES}
+            out = {name: file[f"{how}/{name}"] for name in OUTPUTS}
+            onnxruntime = {name: base[f"{how}/{name}"] for name in OUTPUTS}
             for reference, values in ((BASELINE, onnxruntime), ("float64", vectors.reference_f64)):
                 for name, size in differences(out, values).items():
                     figures[f"{how}_{reference}_{name}_max"] = size
@@ -127,7 +128,7 @@ def main(model: Path, work: Path, report: Path, only: tuple[str, ...], pip_argum
     vectors = read_vectors(model / "golden.bin")
     work.mkdir(parents=True, exist_ok=True)
     inputs = work / "inputs.npz"
-    np.savez(inputs, **{name: vectors.inputs[name] for name in INPUT_SHAPES})
+    np.savez(inputs, **{name: vectors.inputs[name] for name in INPUTS})
     figures: Figures = {}
     wrong = []
     for name, wanted in programs.items():

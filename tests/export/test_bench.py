@@ -17,7 +17,7 @@ from aminn_export.samples.vectors import write_vectors
 
 def test_the_mlp_has_as_many_parameters(exported: RandomModel) -> None:
     wanted = parameters(exported)
-    found = sum(onnx.numpy_helper.to_array(t).size for t in plain_mlp(wanted).graph.initializer)
+    found = sum(onnx.numpy_helper.to_array(t).size for t in plain_mlp(wanted, 125).graph.initializer)
     assert 0.98 * wanted < found <= wanted
 
 

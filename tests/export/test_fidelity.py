@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from runtime_models import RandomModel, closure, random_inputs
 
-from aminn.hand.dims import INPUT_SHAPES, OUTPUT_SHAPES
 from aminn_base.errors import AminnError
 from aminn_export.files.ranges import state_ranges, within_ranges
+from aminn_export.files.tables import dims_of
 from aminn_export.judge.fidelity import SquareRootReference, failures, missed
 from aminn_export.replay.targets import DISPATCHED, HOSTED, replay, replay_all
 from aminn_export.samples.adversarial import KINDS, adversarial_states
@@ -19,12 +19,13 @@ from aminn_export.samples.adversarial import closure as own_closure
 from aminn_export.samples.golden import run_onnx, single_thread_session
 from aminn_export.samples.reference import Reference
 from aminn_export.samples.vectors import read_results, write_vectors
+from aminn_hand.hand import OUTPUTS
 
 
 def test_both_float64_forms_agree(exported: RandomModel) -> None:
     x = random_inputs(200, 3)
     plain, root = Reference(exported)(x), SquareRootReference(exported)(x)
-    for name in OUTPUT_SHAPES:
+    for name in OUTPUTS:
         np.testing.assert_allclose(root[name], plain[name], rtol=1e-6, atol=1e-9 * np.abs(plain[name]).max())
 
 
@@ -41,7 +42,7 @@ def test_adversarial_states_are_what_they_are_called(exported: RandomModel) -> N
     simulated = random_inputs(300, 5)
     x, kind = adversarial_states(simulated, exported, 80 * len(KINDS), seed=1)
     assert all(np.isfinite(v).all() for v in x.values())
-    assert {k: v.shape[1:] for k, v in x.items()} == INPUT_SHAPES
+    assert {k: v.shape[1:] for k, v in x.items()} == dims_of(exported.tensors).inputs
     rows = {name: kind == k for k, name in enumerate(KINDS)}
     flags = (x["contacts"][..., 0] > 0).sum(1)
     assert (flags[rows["one_contact"]] <= 1).all()

@@ -20,19 +20,17 @@ from mutant_plan import HALF, plan_of
 from numpy.typing import NDArray
 from runtime_models import random_inputs, random_model
 
-from aminn.hand.dims import OUTPUT_SHAPES
 from aminn_export.export import write_model_files
 from aminn_export.files.bin_model import BinModel, model_crc, read_bin_model, write_bin_model
 from aminn_export.files.layout import N_STATE, layout_of, tensor_name
 from aminn_export.files.packing import N_OUTPUT_WORDS, room
-from aminn_export.files.tables import Exported
+from aminn_export.files.tables import Exported, dims_of
 from aminn_export.judge.compare import compare_files
 from aminn_export.judge.identity import misfits
 from aminn_export.judge.verdict import compare_bits, compare_within
 from aminn_export.judge.verify import check_golden
 from aminn_export.samples.golden import run_onnx, single_thread_session
 from aminn_export.samples.vectors import (
-    N_OUT,
     Results,
     Vectors,
     read_results,
@@ -50,6 +48,7 @@ N_SMALL = 36
 CONTENT = 20
 """Where the blob's content begins: behind the CRC-32s."""
 ONE = np.float32(1)
+HAND = dims_of(random_model(0).tensors)
 Trust = dict[str, float | int | str | bool]
 
 
@@ -170,10 +169,11 @@ def test_every_number_of_a_small_model_by_both_judges(program: Path, small: Path
 
 def _rows(file: Path, n: int) -> Iterator[Results]:
     """The results that the program wrote."""
-    words = np.fromfile(file, "<f4").reshape(-1, n * (N_OUT + 2))
+    words = np.fromfile(file, "<f4").reshape(-1, n * (HAND.output + 2))
     for line in words:
-        rows, status = line[: n * (N_OUT + 1)].reshape(n, N_OUT + 1), line[n * (N_OUT + 1) :].view("<i4")
-        yield Results(unpack(rows[:, :N_OUT], OUTPUT_SHAPES), np.ascontiguousarray(rows[:, N_OUT]), status)
+        rows, status = np.split(line, [n * (HAND.output + 1)])
+        rows = rows.reshape(n, -1)
+        yield Results(unpack(rows[:, :-1], HAND.outputs), np.ascontiguousarray(rows[:, -1]), status.view("<i4"))
 
 
 def test_every_table_by_the_files(small: Path, judge: Callable[..., int], tmp_path: Path, trust: Trust) -> None:
@@ -259,7 +259,7 @@ CHANGES: dict[str, Callable[[np.float32], np.float32]] = {
 def _raw(results: Path) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
     r = read_results(results)
     n = len(r.status)
-    rows = np.concatenate([np.asarray(r.outputs[k]).reshape(n, -1) for k in OUTPUT_SHAPES] + [r.decision[:, None]], 1)
+    rows = np.concatenate([np.asarray(r.outputs[k]).reshape(n, -1) for k in HAND.outputs] + [r.decision[:, None]], 1)
     return np.ascontiguousarray(rows, np.float32), r.status.copy()
 
 
@@ -273,7 +273,7 @@ def test_every_word_of_a_result(
     base, mutant = read_results(small / "results.bin"), tmp_path / "mutant.bin"
     caught = {"bits": 0, "limits": 0}
     total = 0
-    for word in range(N_OUT + 1):
+    for word in range(HAND.output + 1):
         for name, change in CHANGES.items():
             changed = rows.copy()
             changed[sample, word] = change(rows[sample, word])
@@ -357,16 +357,16 @@ def test_every_word_of_a_reference(
     for file in small.iterdir():
         (tmp_path / file.name).write_bytes(file.read_bytes())
     vectors, model = read_vectors(small / "golden.bin"), read_bin_model(small / "aminn_model.bin")
-    sizes = [int(np.prod(shape)) for shape in OUTPUT_SHAPES.values()]
+    sizes = [int(np.prod(shape)) for shape in HAND.outputs.values()]
     rows = np.concatenate(
-        [vectors.reference[k].reshape(N_SMALL, s) for k, s in zip(OUTPUT_SHAPES, sizes, strict=True)], 1
+        [vectors.reference[k].reshape(N_SMALL, s) for k, s in zip(HAND.outputs, sizes, strict=True)], 1
     )
     total = caught = 0
-    for word in range(N_OUT):
+    for word in range(HAND.output):
         changed = rows.copy()
         largest = np.abs(rows[sample, 7:43]).max() if 7 <= word < 43 else ONE
         changed[sample, word] = changed[sample, word] * np.float32(-1.5) + np.float32(0.1) * largest
-        write_vectors(tmp_path / "golden.bin", vectors.inputs, unpack(changed, OUTPUT_SHAPES), None, vectors.model)
+        write_vectors(tmp_path / "golden.bin", vectors.inputs, unpack(changed, HAND.outputs), None, vectors.model)
         total += 1
         caught += judge(tmp_path / "aminn_model.bin", tmp_path / "golden.bin", small / "results.bin") == 1
         if word % 5 == 0:

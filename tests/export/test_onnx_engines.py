@@ -13,9 +13,10 @@ import pytest
 from onnx import TensorProto, helper
 from runtime_models import RandomModel, random_inputs, random_model
 
-from aminn.hand.dims import INPUT_SHAPES, N_BRANCH
 from aminn_base.errors import AminnError
-from aminn_export.files.onnx_model import HEAD_ORDER, IR_VERSION, OPSET, build_onnx
+from aminn_export.files.head import TANH, head_order
+from aminn_export.files.onnx_model import IR_VERSION, OPSET, build_onnx
+from aminn_export.files.tables import dims_of
 from aminn_export.judge.verify import scaled_norm
 from aminn_export.replay.engines import ENGINES, load_engine
 from aminn_export.samples import golden
@@ -26,7 +27,8 @@ ROOT = Path(__file__).resolve().parents[2]
 GOLDEN = ROOT / "tests" / "golden"
 DX_LIMIT, P_STABLE_LIMIT = 2e-6, 2e-6
 # Heads that tanh squashes, and inputs for which ONNX Runtime's Tanh is above 1.
-SQUASHED = [HEAD_ORDER.index(name) for name in ("ld0", "ld1", "ld2", "k", "al", "lo10", "lo20", "lo21")]
+HAND = dims_of(random_model(3).tensors)
+SQUASHED = head_order(HAND, TANH)
 BEYOND_ONE = (8.13, 9.0)
 
 
@@ -41,7 +43,7 @@ def test_engine_repeats_float64(engine: str, rows: int, vectors: Vectors, trust:
     """One sample a call, and all in a batch."""
     if engine == "openvino":
         pytest.importorskip("openvino", reason="optional: pip install openvino, as docs/compatibility.md has it")
-    inputs = {name: vectors.inputs[name] for name in INPUT_SHAPES}
+    inputs = {name: vectors.inputs[name] for name in HAND.inputs}
     run = load_engine(engine, GOLDEN / "aminn.onnx")
     parts = [run({name: v[i : i + rows] for name, v in inputs.items()}) for i in range(0, 200, rows)]
     out = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -93,8 +95,8 @@ def _with_heads(model: RandomModel, values: np.ndarray) -> RandomModel:
     tensors = dict(model.tensors)
     for stage in ("s1", "s2"):
         weight, bias = tensors[f"{stage}.head_w"].copy(), tensors[f"{stage}.head_b"].copy()
-        for branch in range(N_BRANCH):
-            rows = branch * len(HEAD_ORDER) + np.array(SQUASHED)
+        for branch in range(HAND.branches):
+            rows = branch * HAND.branch_head + SQUASHED
             weight[rows], bias[rows] = 0, values[branch]
         tensors |= {f"{stage}.head_w": weight, f"{stage}.head_b": bias}
     return replace(model, tensors=tensors)
@@ -113,7 +115,7 @@ def test_heads_hold_their_bounds_where_tanh_passes_one(trust: dict) -> None:
     trust["consumers_onnxruntime_tanh_above_one"] = len(above)
     if len(above) == 0:
         above = np.linspace(*BEYOND_ONE, 1000).astype(np.float32)
-    picked = np.random.default_rng(5).choice(above, (6, N_BRANCH, len(SQUASHED)))
+    picked = np.random.default_rng(5).choice(above, (6, HAND.branches, len(SQUASHED)))
     signs = np.random.default_rng(6).choice([-1, 1], picked.shape)
     for values, mixed in zip(picked, signs, strict=True):
         model = _with_heads(random_model(3), values * mixed)

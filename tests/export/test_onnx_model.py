@@ -15,16 +15,18 @@ import pytest
 import torch
 from runtime_models import RandomModel, random_inputs, random_model
 
-from aminn.hand.dims import BRANCHES, DEBUG_SHAPES, INPUT_SHAPES, JOINTS, OUTPUT_SHAPES
 from aminn.model.config import MechanicsConfig
 from aminn.model.mechanics import dense_stiffness
 from aminn_base.errors import AminnError
 from aminn_export.files.onnx_model import build_onnx, read_metadata, write_onnx
+from aminn_export.files.tables import dims_of
 from aminn_export.judge.verify import scaled_norm
 from aminn_export.samples.golden import run_onnx, single_thread_session
 from aminn_export.samples.reference import Reference
+from aminn_hand.hand import INPUTS, OUTPUTS
 
-STAGE_SHAPES = {f"{stage}_{name}": shape for stage in ("s1", "s2") for name, shape in DEBUG_SHAPES.items()}
+HAND = dims_of(random_model(1).tensors)
+STAGE_SHAPES = {f"{stage}_{name}": shape for stage in ("s1", "s2") for name, shape in HAND.debug.items()}
 
 
 def _run(model: RandomModel, inputs: dict, debug: bool = False) -> dict[str, np.ndarray]:
@@ -38,8 +40,8 @@ def _shapes(values: object) -> dict[str, tuple]:
 @pytest.mark.parametrize(("debug", "extra"), [(False, {}), (True, STAGE_SHAPES)])
 def test_names_and_shapes_are_the_contract(exported: RandomModel, debug: bool, extra: dict) -> None:
     graph = build_onnx(exported, debug).graph
-    assert _shapes(graph.input) == {k: ("N", *s) for k, s in INPUT_SHAPES.items()}
-    assert _shapes(graph.output) == {k: ("N", *s) for k, s in (OUTPUT_SHAPES | extra).items()}
+    assert _shapes(graph.input) == {k: ("N", *s) for k, s in HAND.inputs.items()}
+    assert _shapes(graph.output) == {k: ("N", *s) for k, s in (HAND.outputs | extra).items()}
     kinds = {v.type.tensor_type.elem_type for v in (*graph.input, *graph.output)}
     assert kinds == {onnx.TensorProto.FLOAT}
 
@@ -77,9 +79,9 @@ def test_metadata_is_lossless_json(tmp_path: Path) -> None:
     assert read["dq0"] == "statics"
     assert read["format_version"] == 1
     assert read["checkpoint_sha256"] == model.meta["checkpoint_sha256"]
-    assert read["joint_order"] == list(JOINTS)
-    assert read["branch_order"] == list(BRANCHES)
-    assert set(INPUT_SHAPES) | set(OUTPUT_SHAPES) <= set(read["units"])
+    assert read["joint_order"] == model.meta["joints"]
+    assert read["branch_order"] == model.meta["branches"]
+    assert set(INPUTS) | set(OUTPUTS) <= set(read["units"])
     for prop in onnx.load(tmp_path / "m.onnx").metadata_props:
         json.loads(prop.value)
 
@@ -122,7 +124,7 @@ def test_batch_size_is_free(exported: RandomModel, n: int) -> None:
     all_at_once = run_onnx(session, x)
     part = run_onnx(session, {k: v[:n] for k, v in x.items()})
     for name, value in part.items():
-        assert value.shape == (n, *OUTPUT_SHAPES[name])
+        assert value.shape == (n, *HAND.outputs[name])
         np.testing.assert_allclose(value, all_at_once[name][:n], rtol=2e-3, atol=1e-6)
 
 
@@ -133,7 +135,7 @@ def test_inputs_of_another_batch_size_are_refused(dq0: str, debug: bool) -> None
     x = random_inputs(6, 7)
     session = single_thread_session(build_onnx(random_model(3, dq0=dq0), debug).SerializeToString())
     sizes = [(n, other) for n in (1, 2, 5) for other in (0, 1, n - 1, n + 1) if other != n]
-    subsets = [s for size in range(1, len(INPUT_SHAPES)) for s in itertools.combinations(INPUT_SHAPES, size)]
+    subsets = [s for size in range(1, len(INPUTS)) for s in itertools.combinations(INPUTS, size)]
     accepted = []
     for (n, other), some in itertools.product(sizes, subsets):
         try:
@@ -144,7 +146,7 @@ def test_inputs_of_another_batch_size_are_refused(dq0: str, debug: bool) -> None
     assert accepted == []
 
 
-@pytest.mark.parametrize("name", INPUT_SHAPES)
+@pytest.mark.parametrize("name", INPUTS)
 def test_inputs_of_another_shape_are_refused(exported: RandomModel, name: str) -> None:
     session = single_thread_session(build_onnx(exported).SerializeToString())
     x = random_inputs(3, 7)
@@ -184,7 +186,7 @@ def test_stiffness_is_the_dense_form_of_the_paper(exported: RandomModel) -> None
     out = _run(exported, x, debug=True)
     meta = exported.meta
     for i, stage in enumerate(("s1", "s2")):
-        values = {k: torch.as_tensor(out[f"{stage}_{k}"], dtype=torch.float64) for k in DEBUG_SHAPES}
+        values = {k: torch.as_tensor(out[f"{stage}_{k}"], dtype=torch.float64) for k in HAND.debug}
         d, engaged = values["tendon_dir"], values["tendon_gain"] * values["gate"]
         k_q = values["k_spring"] + engaged[..., None, None] * d[..., :, None] * d[..., None, :]
         closure = (torch.as_tensor(x[k], dtype=torch.float64) for k in ("j_x", "j_q"))

@@ -8,13 +8,13 @@ import numpy as np
 import onnx
 import pytest
 
-from aminn.hand.dims import INPUT_SHAPES, OUTPUT_SHAPES
 from aminn_export.files.bin_model import read_bin_model, write_bin_model
 from aminn_export.files.c_model import write_c_model
 from aminn_export.files.onnx_model import build_onnx
 from aminn_export.samples.golden import run_onnx, single_thread_session
 from aminn_export.samples.reference import Reference
 from aminn_export.samples.vectors import read_vectors
+from aminn_hand.hand import INPUTS, OUTPUTS
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
 
@@ -40,10 +40,10 @@ def test_onnx_files_are_those_that_the_writer_gives(debug: bool) -> None:
 @pytest.mark.parametrize("debug", [False, True])
 def test_onnx_repeats_the_reference_predictions(debug: bool) -> None:
     vectors = read_vectors(GOLDEN / "golden.bin")
-    inputs = {name: vectors.inputs[name] for name in INPUT_SHAPES}
+    inputs = {name: vectors.inputs[name] for name in INPUTS}
     file = GOLDEN / ("aminn_debug.onnx" if debug else "aminn.onnx")
     out = run_onnx(single_thread_session(file), inputs)
-    for name in OUTPUT_SHAPES:
+    for name in OUTPUTS:
         scale = np.abs(vectors.reference[name]).max()
         assert np.abs(out[name] - vectors.reference[name]).max() <= 2e-6 * scale, name
 
@@ -51,8 +51,8 @@ def test_onnx_repeats_the_reference_predictions(debug: bool) -> None:
 def test_double_precision_predictions_are_the_oracle_s() -> None:
     """Up to the rounding of constants: a binary model holds them in float32."""
     vectors = read_vectors(GOLDEN / "golden.bin")
-    out = Reference(read_bin_model(GOLDEN / "aminn_model.bin"))({name: vectors.inputs[name] for name in INPUT_SHAPES})
-    for name in OUTPUT_SHAPES:
+    out = Reference(read_bin_model(GOLDEN / "aminn_model.bin"))({name: vectors.inputs[name] for name in INPUTS})
+    for name in OUTPUTS:
         np.testing.assert_allclose(vectors.reference_f64[name], out[name], rtol=1e-5, atol=1e-9, err_msg=name)
 
 

@@ -17,7 +17,6 @@ from click.testing import CliRunner
 from runtime_models import RandomModel, random_inputs
 
 from aminn.data.dataset import load_dataset, split_of
-from aminn.hand.dims import OUTPUT_SHAPES
 from aminn_app.cli import main
 from aminn_base.errors import AminnError
 from aminn_export.export import export
@@ -27,6 +26,7 @@ from aminn_export.judge.verify import check_golden, run_verification, samples_of
 from aminn_export.replay.engines import ENGINES
 from aminn_export.samples.golden import run_onnx, single_thread_session
 from aminn_export.samples.vectors import read_results, read_vectors, write_results, write_vectors
+from aminn_hand.hand import OUTPUTS
 
 
 @pytest.fixture(scope="module")
@@ -166,12 +166,12 @@ def test_replay_that_lies_is_found_out(
     program.write_text(f"""#!{sys.executable}
 import subprocess, sys
 import numpy as np
-from aminn.hand.dims import OUTPUT_SHAPES
+from aminn_hand.hand import OUTPUTS
 from aminn_export.samples.vectors import read_results, write_results
 subprocess.run([{str(program.with_name("true_replay"))!r}, *sys.argv[1:]], check=True)
 r = read_results(sys.argv[3])
 n = len(r.status)
-rows = np.concatenate([r.outputs[k].reshape(n, -1) for k in OUTPUT_SHAPES] + [r.decision[:, None]], 1)
+rows = np.concatenate([r.outputs[k].reshape(n, -1) for k in OUTPUTS] + [r.decision[:, None]], 1)
 status = r.status.copy()
 {spoil}
 write_results(sys.argv[3], rows, status)
@@ -217,7 +217,7 @@ def test_two_result_files_are_compared(export_dir: Path, vectors: Path, build_di
     assert compare(first, second) == (0, "samples 400\nrefused 0\ndifferent_words 0\n")
     assert compare(model, vectors, first)[0] == 0
     other = read_results(first)
-    rows = np.concatenate([other.outputs[k].reshape(400, -1) for k in OUTPUT_SHAPES] + [other.decision[:, None]], 1)
+    rows = np.concatenate([other.outputs[k].reshape(400, -1) for k in OUTPUTS] + [other.decision[:, None]], 1)
     rows[5, 2] = np.nextafter(rows[5, 2], np.float32(1))
     write_results(second, rows, other.status)
     code, text = compare(first, second)

@@ -9,21 +9,42 @@ import numpy as np
 import pytest
 from runtime_models import random_inputs, random_model
 
-from aminn.hand.dims import OUTPUT_SHAPES
 from aminn_base.errors import AminnError
 from aminn_export.samples.reference import Reference
-from aminn_export.samples.vectors import N_IN, N_OUT, read_results, read_vectors, write_vectors
+from aminn_export.samples.vectors import read_results, read_vectors, write_results, write_vectors
+from aminn_hand.hand import MAX_BRANCHES, MAX_COORDINATES, MIN_BRANCHES, OUTPUTS, Dims
 
 
 @pytest.fixture(scope="module")
 def samples() -> tuple[dict, dict]:
     inputs = random_inputs(5, 1)
     out = Reference(random_model(0, widths=(4, 5, 6)))(inputs)
-    return inputs, {name: out[name] for name in OUTPUT_SHAPES}
+    return inputs, {name: out[name] for name in OUTPUTS}
 
 
-def test_sizes_are_the_runtimes() -> None:
-    assert (N_IN, N_OUT) == (125, 46)
+def test_two_numbers_tell_every_hand() -> None:
+    """Of inputs and of outputs: a file needs no more to say which counts its hand has."""
+    counts = [
+        Dims(b, c, joints, 0, 0)
+        for b in range(MIN_BRANCHES, MAX_BRANCHES + 1)
+        for c in range(1, MAX_COORDINATES + 1)
+        for joints in range(b + c - 1, b * c + 1)
+    ]
+    assert len({(dims.input, dims.output) for dims in counts}) == len(counts) > 100
+
+
+@pytest.mark.parametrize(("b", "c", "joints"), [(2, 1, 2), (3, 3, 8), (5, 5, 25), (4, 4, 13)])
+def test_a_file_says_of_which_hand_it_is(tmp_path, b: int, c: int, joints: int) -> None:
+    dims, rng = Dims(b, c, joints, 0, 0), np.random.default_rng(0)
+    x, y = ({k: rng.normal(size=(4, *s)) for k, s in shapes.items()} for shapes in (dims.inputs, dims.outputs))
+    write_vectors(tmp_path / "v.bin", x, y, y)
+    back = read_vectors(tmp_path / "v.bin", dims)
+    assert back.dims == dims
+    np.testing.assert_array_equal(back.reference_f64["gate"], y["gate"])
+    with pytest.raises(AminnError, match=rf"v\.bin: of another hand \({b} branches, {joints} joints, at most {c}"):
+        read_vectors(tmp_path / "v.bin", Dims(3, 4, 12, 0, 0))
+    write_results(tmp_path / "r.bin", rng.normal(size=(4, dims.output + 1)), np.zeros(4, np.int32))
+    assert read_results(tmp_path / "r.bin").outputs["gate"].shape == (4, b)
 
 
 @pytest.mark.parametrize("with_f64", [False, True])
@@ -64,7 +85,7 @@ def test_misfits_are_named(samples, tmp_path) -> None:
         (lambda b: b[:-8], "CRC-32"),
         (lambda b: b"AMNX" + b[4:], "wrong magic"),
         (lambda b: b[:4] + struct.pack("<I", 7) + b[8:], "version 7"),
-        (lambda b: b[:12] + struct.pack("<I", 124) + b[16:], "124 inputs"),
+        (lambda b: b[:12] + struct.pack("<I", 300) + b[16:], "300 inputs"),
         (lambda b: b[:8] + struct.pack("<I", 4) + b[12:], "do not fit"),
         (lambda b: b[:50] + bytes([b[50] ^ 4]) + b[51:], "CRC-32"),
     ],

@@ -24,7 +24,7 @@ from .files.known_answer import informative_state, runtime
 from .files.layout import WEIGHT_CODES, checked_name, default_name
 from .files.onnx_model import DEBUG_FILE, ONNX_FILE, write_onnx
 from .files.ranges import state_ranges, unknown_ranges
-from .files.tables import Exported
+from .files.tables import Exported, dims_of
 from .judge.weights import float16_model, rounding_error
 from .samples.golden import GOLDEN_FILE, inputs_of, write_golden
 
@@ -121,7 +121,11 @@ def export(
     checkpoint = load_checkpoint(checkpoint_dir)
     tables = export_tables(checkpoint)
     dataset = training_set(checkpoint, load_dataset(data_dir)) if data_dir is not None else None
-    ranges = state_ranges(training_part(checkpoint, dataset).samples) if dataset is not None else unknown_ranges()
+    ranges = (
+        state_ranges(training_part(checkpoint, dataset).samples)
+        if dataset is not None
+        else unknown_ranges(dims_of(tables.tensors))
+    )
     identity = {"made_by": f"aminn {runtime().version()}"}
     identity["name"] = default_name(prefix) if name is None else checked_name("name", name)
     exported, lines = BinModel(tables.meta | identity, tables.tensors | ranges), []

@@ -26,11 +26,18 @@ Vector = tuple[float, ...]
 
 MIN_BRANCHES, MAX_BRANCHES = 2, 5
 MAX_COORDINATES = 5
+LENGTH_M = 0.1
+"""Characteristic length of a hand that tells none."""
+LEAST_MOTION_M = 1e-12
+"""Least size of a motion that is divided by, so that no motion at all can be."""
 N_WRENCH = 6
 N_CONTACT_FEATURE = 8
 """In contact, position (3), normal (3), normal force."""
 N_GATE = 3
 """alpha (1/rad), beta (rad), rho."""
+INPUTS = ("q", "x_ht", "w_e", "contacts", "j_x", "j_q")
+OUTPUTS = ("p_stable", "dx_ht", "k_x", "gate")
+"""Of a model, in their order; `Dims.inputs` and `Dims.outputs` have the shapes."""
 
 
 @dataclass(frozen=True)
@@ -324,7 +331,7 @@ class Hand:
     """(3) unit, H: which way the palm faces."""
     tool_axis: Vector = (1.0, 0.0, 0.0)
     """(3) unit, H: along which the long axis of a tool lies, but for what the pinch turns it by."""
-    length_m: float = 0.1
+    length_m: float = LENGTH_M
     """Characteristic length: what a rotation of 1 rad counts as, in the 6x6 solve and in every pose error."""
     contact: ContactModel = ContactModel()
     synergy: Synergy | None = None

@@ -4,7 +4,8 @@ The graph is built by hand, of standard operators only. Both stages have the sam
 graph with a leading stage dimension of 2: half the nodes, and at batch 1 the number of nodes is what ONNX Runtime's
 time depends on. ONNX has no factorisation and no solve. As in the C runtime, no stiffness matrix is formed before it is
 solved with: K_x = V^T V with V the branches' contributions stacked, and Gram-Schmidt on V keeps the accuracy of float32
-that an elimination of K_x would square away. Shapes stand on their lines; S is the stage dimension (2), N the batch.
+that an elimination of K_x would square away. Shapes stand on their lines; S is the stage dimension (2), N the batch, B
+the branches, C the coordinates of the longest one, J the joints. A hand without gates has no second pass.
 """
 
 from __future__ import annotations
@@ -15,38 +16,19 @@ import numpy as np
 import onnx
 from numpy.typing import NDArray
 
-from aminn.hand.dims import (
-    BRANCHES,
-    DEBUG_SHAPES,
-    INPUT_SHAPES,
-    JOINTS,
-    LEAST_MOTION_M,
-    N_AUX,
-    N_BRANCH,
-    N_CONTACT_FEATURE,
-    N_CONTACT_INPUT,
-    N_COORD,
-    N_WRENCH,
-    OUTPUT_SHAPES,
-)
 from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
 from aminn_base.read import AnyPath
+from aminn_hand.hand import LEAST_MOTION_M, N_CONTACT_FEATURE, N_WRENCH
 
+from .head import EXP, TANH, head_order, sizes
 from .onnx_graph import GraphBuilder
-from .tables import STAGES, Exported, pair_of
+from .tables import HAND, STAGES, Exported, by_branch, dims_of, pair_of, shortest
 
 ONNX_FILE, DEBUG_FILE = "aminn.onnx", "aminn_debug.onnx"
-# Elements of a branch's blocks of J_q and J_x.
-N_J_Q, N_J_X = 3 * N_COORD, 3 * N_WRENCH
 OPSET = 18
 IR_VERSION = 8
-# Head outputs of a branch in the model's order, and the order of this graph: what is squashed by tanh stands first.
-HEAD_ORDER = ("ld0", "ld1", "ld2", "lo10", "lo20", "lo21", "d0", "d1", "d2", "k", "al", "be", "rh")
-GRAPH_ORDER = ("ld0", "ld1", "ld2", "k", "al", "lo10", "lo20", "lo21", "d0", "d1", "d2", "be", "rh")
-# Where (l00 l11 l22 l10 l20 l21) stand in a row-major 3x3 matrix.
-CHOL_PLACES = (0, 4, 8, 3, 6, 7)
-# The adjugate of the lower triangular L as signed products of packed entries: (left, right, sign, row, column).
+# The adjugate of a lower triangular 3x3 L as signed products of packed entries: (left, right, sign, row, column).
 CHOL_ADJUGATE = (
     (1, 2, 1, 0, 0),
     (3, 2, -1, 1, 0),
@@ -56,8 +38,6 @@ CHOL_ADJUGATE = (
     (0, 5, -1, 2, 1),
     (0, 1, 1, 2, 2),
 )
-# Coordinates that the off-diagonal entries l10 l20 l21 couple.
-CHOL_PAIRS = ((1, 0), (2, 0), (2, 1))
 UNITS = {
     "q": "rad",
     "x_ht": "m, rad (rotation vector)",
@@ -74,6 +54,9 @@ UNITS = {
     "eps_jq": "m/rad",
 }
 
+HAND_KEYS = {"joint_order": "joints", "branch_order": "branches", "hand": HAND}
+"""Metadata that names the hand, and what the exporter calls it."""
+
 Array = NDArray[np.float32]
 
 
@@ -89,17 +72,17 @@ def onnx_metadata(meta: dict) -> dict[str, str]:
         "format_version": meta["format_version"],
         "checkpoint_sha256": meta["checkpoint_sha256"],
         "units": UNITS,
-        "joint_order": list(meta.get("joints", JOINTS)),
-        "branch_order": list(meta.get("branches", BRANCHES)),
-        "branch_joints": [list(row) for row in meta["branch_joints"]],
         "tau": meta["tau"],
-        "eps_m": _flat(meta["eps_m"]),
+        "eps_m": shortest(by_branch(meta["eps_m"], len(meta["branch_joints"]))),
         "eps_kx": _flat(meta["eps_kx"]),
         "eps_jq": _flat(meta["eps_jq"]),
         "dq0": meta["dq0"],
         "length_scale_m": meta["length_scale"],
         "log_range": meta["log_range"],
+        "branch_joints": [list(row) for row in meta["branch_joints"]],
     }
+    # a binary model does not hold them
+    values |= {key: meta[own] for key, own in HAND_KEYS.items() if own in meta}
     return {key: json.dumps(value, sort_keys=True) for key, value in values.items()}
 
 
@@ -133,6 +116,7 @@ class _AminnGraph:
 
     def __init__(self, exported: Exported) -> None:
         self.meta, self.tensors, self.g = exported.meta, exported.tensors, GraphBuilder()
+        self.dims = dims_of(self.tensors)
         length = float(self.meta["length_scale"])
         self.scale = np.array([1.0] * 3 + [1.0 / length] * 3, np.float32)
         self.s = self.g.constant("length_scaling", self.scale)
@@ -170,31 +154,31 @@ class _AminnGraph:
         return self.g.op("Relu", self.linear(v, weight, bias, f"{name}_linear"), name=name)
 
     def contact_input(self) -> tuple[str, str]:
-        """(contact flags (N, 3, 1), input of the contact summary (N, 51)); A S (N, 3, 18) is kept for the closure.
+        """(contact flags (N, B, 1), input of the contact summary); A S (N, B, 18) is kept for the closure.
 
         j_x passes through the rows that contacts and j_q are joined in: Concat refuses a batch of another size, which
         every product with j_x would repeat in silence where it is 1.
         """
-        g = self.g
-        blocks = [g.reshape(name, [0, 0, size], f"{name}_rows") for name, size in (("j_q", N_J_Q), ("j_x", N_J_X))]
-        rows = g.op("Concat", "contacts", *blocks, name="contact_rows", axis=2)  # (N, 3, 35)
-        sizes, names = [1, N_CONTACT_FEATURE - 1 + N_J_Q, N_J_X], ["contact", "contact_raw", "a_rows"]
-        flag, raw, a = g.split(rows, sizes, 2, names)
+        g, n_q, n_x = self.g, 3 * self.dims.coordinates, 3 * N_WRENCH
+        blocks = [g.reshape(name, [0, 0, size], f"{name}_rows") for name, size in (("j_q", n_q), ("j_x", n_x))]
+        rows = g.op("Concat", "contacts", *blocks, name="contact_rows", axis=2)  # (N, B, 8 + 3 C + 18)
+        pieces = [1, N_CONTACT_FEATURE - 1 + n_q, n_x]
+        flag, raw, a = g.split(rows, pieces, 2, ["contact", "contact_raw", "a_rows"])
         self.a_s_rows = g.op("Mul", a, g.constant("a_scaling", np.tile(self.scale, 3)), name="a_scaled")
         seen = g.op("Mul", flag, raw, name="contact_seen")
-        u = g.op("Concat", flag, seen, name="contact_features", axis=2)  # (N, 3, 17)
-        return flag, g.reshape(u, [0, N_CONTACT_INPUT], "z_c")
+        u = g.op("Concat", flag, seen, name="contact_features", axis=2)  # (N, B, 8 + 3 C)
+        return flag, g.reshape(u, [0, self.dims.contact_input], "z_c")
 
     def features(self, z_c: str) -> str:
         """f of both stages (S, N, H)."""
         g, both = self.g, self.both
         log = self.slog("w_e", self.tensors["wrench_log_scale"], "w_log")  # (N, 6)
-        z_g = g.op("Concat", "q", "x_ht", "w_e", log, name="z_g", axis=1)  # (N, 26)
+        z_g = g.op("Concat", "q", "x_ht", "w_e", log, name="z_g", axis=1)  # (N, G)
         row = (slice(None), None)
-        c = self.normalised(z_c, both("contact_mean")[row], both("contact_inv_std")[row], "z_c_norm")  # (S, N, 51)
-        z = self.normalised(z_g, both("global_mean")[row], both("global_inv_std")[row], "z_g_norm")  # (S, N, 26)
+        c = self.normalised(z_c, both("contact_mean")[row], both("contact_inv_std")[row], "z_c_norm")  # (S, N, Z)
+        z = self.normalised(z_g, both("global_mean")[row], both("global_inv_std")[row], "z_g_norm")  # (S, N, G)
         h1 = self.dense(c, both("contact_w"), both("contact_b")[row], "h1")  # (S, N, HC)
-        joined = g.op("Concat", h1, z, name="h1_z_g", axis=2)  # (S, N, HC + 26)
+        joined = g.op("Concat", h1, z, name="h1_z_g", axis=2)  # (S, N, HC + G)
         h2 = self.dense(joined, both("trunk1_w"), both("trunk1_b")[row], "h2")  # (S, N, H)
         return self.dense(h2, both("trunk2_w"), both("trunk2_b")[row], "f")  # (S, N, H)
 
@@ -204,50 +188,95 @@ class _AminnGraph:
         Concat refuses batches of different sizes, but need not refuse an empty one among others.
         """
         g = self.g
-        sizes = [g.op("Shape", i, name=f"{i}_batch", start=0, end=1) for i in INPUT_SHAPES]
+        sizes = [g.op("Shape", i, name=f"{i}_batch", start=0, end=1) for i in self.dims.inputs]
         smallest = g.op("Min", *sizes, name="batch")
+        self.batch = smallest
         wanted = g.op("Concat", g.index("stages", [len(STAGES)]), smallest, g.index("row", shape), name="rows", axis=0)
         return g.op("Reshape", v, wanted, name=name, allowzero=1)
 
     def head(self, f: str) -> list[str]:
-        """Squashed (S, N, 3, 8), direction (.., 3), beta (.., 1), rho (.., 1) in GRAPH_ORDER."""
-        g, n = self.g, len(HEAD_ORDER)
-        order = np.concatenate([n * b + np.array([HEAD_ORDER.index(h) for h in GRAPH_ORDER]) for b in range(N_BRANCH)])
+        """(S, N, B, .): what tanh has squashed, of the parts TANH; then each of direction, beta, rho there is."""
+        g, dims = self.g, self.dims
+        order = np.concatenate([dims.branch_head * b + head_order(dims) for b in range(dims.branches)])
         weight, bias = self.both("head_w")[:, order], self.both("head_b")[:, None, order]
-        y = self.batch_checked(self.linear(f, weight, bias, "head"), (N_BRANCH, n), "head_rows")  # (S, N, 3, 13)
-        raw, d, be, rh = g.split(y, [8, 3, 1, 1], 3, ["head_tanh", "head_dir", "head_beta", "head_rho"])
-        return [g.op("Tanh", raw, name="squashed"), d, be, rh]
+        rows = (dims.branches, dims.branch_head)
+        y = self.batch_checked(self.linear(f, weight, bias, "head"), rows, "head_rows")  # (S, N, B, n)
+        if not dims.gates:
+            return [g.op("Tanh", y, name="squashed")]
+        pieces = [sum(sizes(dims, TANH)), *sizes(dims, ("direction", "beta", "rho"))]
+        raw, *rest = g.split(y, pieces, 3, ["head_tanh", "head_dir", "head_beta", "head_rho"])
+        return [g.op("Tanh", raw, name="squashed"), *rest]
 
     def springs(self, f: str) -> dict[str, str]:
-        """Springs and tendons of both stages; alpha, beta, rho, gain are (S, N, 3, 1)."""
-        g, t = self.g, self.tensors
-        squashed, d, be, rh = self.head(f)
-        in_exp, off = g.split(squashed, [5, 3], 3, ["squashed_exp", "squashed_off"])
-        mask, gate_nom = t["coord_mask"], t["gate_nom"]
-        ones = np.ones((N_BRANCH, 1), np.float32)
-        reach = np.float32(self.meta["log_range"]) * np.concatenate([mask, ones, ones], 1)  # (3, 5)
-        nominal = np.concatenate([t["chol_nom"][:, :3], t["tendon_gain_nom"][:, None], gate_nom[0] * ones], 1)
-        factor = g.op("Exp", g.op("Mul", in_exp, g.constant("log_reach", reach), name="log_factor"), name="factor")
-        positive = g.op("Mul", factor, g.constant("nominal_positive", nominal), name="positive")  # (S, N, 3, 5)
-        diag, gain, alpha = g.split(positive, [3, 1, 1], 3, ["chol_diag", "tendon_gain_col", "alpha"])
-        chol = self.chol_packed(diag, off)  # (S, N, 3, 6)
+        """The packed Cholesky factor of the springs of both stages (S, N, B, .), and of tendons what there is.
+
+        alpha, beta, rho, gain are (S, N, B, 1), tendon_dir is (S, N, B, C).
+        """
+        g, t, dims = self.g, self.tensors, self.dims
+        squashed, *loose = self.head(f)
+        mask, c = t["coord_mask"], dims.coordinates
+        ones = np.ones((dims.branches, 1), np.float32)
+        reach, nominal = [mask], [t["chol_nom"][:, :c]]
+        if dims.gates:
+            reach += [ones, ones]
+            nominal += [t["tendon_gain_nom"][:, None], t["gate_nom"][0] * ones]
+        in_exp, off = squashed, ""
+        if c > 1:
+            pieces = [sum(sizes(dims, EXP)), *sizes(dims, ("below",))]
+            in_exp, off = g.split(squashed, pieces, 3, ["squashed_exp", "squashed_off"])
+        log_reach = np.float32(self.meta["log_range"]) * np.concatenate(reach, 1)  # (B, C + 2)
+        factor = g.op("Exp", g.op("Mul", in_exp, g.constant("log_reach", log_reach), name="log_factor"), name="factor")
+        centre = g.constant("nominal_positive", np.concatenate(nominal, 1))
+        positive = g.op("Mul", factor, centre, name="positive")  # (S, N, B, C + 2)
+        if not dims.gates:
+            return dict(chol=self.chol_packed(positive, off), diagonal=positive)
+        d, be, rh = loose
+        diag, gain, alpha = g.split(positive, sizes(dims, EXP), 3, ["chol_diag", "tendon_gain_col", "alpha"])
+        chol = self.chol_packed(diag, off)  # (S, N, B, C (C + 1) / 2)
         direction = self.unit(g.op("Add", d, g.constant("tendon_dir_nom", t["tendon_dir_nom"]), name="dir_raw"), mask)
-        beta = g.op("Mul", be, g.constant("beta_scale", gate_nom[1]), name="beta")
-        rho = g.op("Add", rh, g.constant("rho_nom", gate_nom[2]), name="rho")
-        return dict(chol=chol, tendon_dir=direction, gain=gain, alpha=alpha, beta=beta, rho=rho)
+        beta = g.op("Mul", be, g.constant("beta_scale", t["gate_nom"][1]), name="beta")
+        rho = g.op("Add", rh, g.constant("rho_nom", t["gate_nom"][2]), name="rho")
+        return dict(chol=chol, diagonal=diag, tendon_dir=direction, gain=gain, alpha=alpha, beta=beta, rho=rho)
 
     def chol_packed(self, diag: str, off: str) -> str:
-        """L (S, N, 3, 6) from its diagonal (S, N, 3, 3) and the squashed corrections below it (S, N, 3, 3)."""
-        g, nom, mask = self.g, self.tensors["chol_nom"], self.tensors["coord_mask"]
-        rows, cols = ([p[i] for p in CHOL_PAIRS] for i in (0, 1))
+        """Packed L (S, N, B, .) from its diagonal (S, N, B, C) and the squashed corrections below it."""
+        g, nom, mask, c = self.g, self.tensors["chol_nom"], self.tensors["coord_mask"], self.dims.coordinates
+        if c == 1:
+            return diag
+        rows, cols = ([entry[i] for entry in self.dims.cholesky_entries[c:]] for i in (0, 1))
         live = mask[:, rows] * mask[:, cols]
         size = np.sqrt(nom[:, rows] * nom[:, cols]) * live
         scaled = g.op("Mul", off, g.constant("chol_off_size", size), name="chol_off_scaled")
-        lower = g.op("Add", scaled, g.constant("chol_off_nom", nom[:, 3:] * live), name="chol_off")  # (S, N, 3, 3)
+        lower = g.op("Add", scaled, g.constant("chol_off_nom", nom[:, c:] * live), name="chol_off")
         return g.op("Concat", diag, lower, name="chol_packed", axis=3)
 
-    def chol_inverse_t(self, packed: str) -> str:
-        """L^-T (S, N, 3, 3, 3), upper triangular, from the packed L: adjugate over determinant."""
+    def chol_inverse_t(self, springs: dict[str, str]) -> str:
+        """L^-T (S, N, B, C, C), upper triangular."""
+        if self.dims.coordinates == 3:
+            return self.adjugate_over_determinant(springs["chol"])
+        return self.substituted(springs["chol"], springs["diagonal"])
+
+    def substituted(self, packed: str, diag: str) -> str:
+        """L^-T by forward substitution: row i of Y = L^-1 is (e_i - sum of L_ij Y_j over j < i) / L_ii."""
+        g, c = self.g, self.dims.coordinates
+        inverse = g.op("Reciprocal", diag, name="chol_diag_inverse")
+        column = g.unsqueeze(inverse, [4], "chol_diag_inverse_col")  # (S, N, B, C, 1)
+        scaled = g.op("Mul", column, g.constant("eye", np.eye(c)), name="chol_diag_inverse_rows")  # (S, N, B, C, C)
+        if c == 1:
+            return scaled
+        first, *rows = g.split(scaled, [1] * c, 3, [f"chol_e{i}" for i in range(c)])
+        below = g.gather(packed, range(c, self.dims.cholesky), 3, "chol_below")
+        by_row = g.gather(inverse, [row for row, _ in self.dims.cholesky_entries[c:]], 3, "chol_row_inverse")
+        factors = g.op("Mul", below, by_row, name="chol_below_scaled")
+        pieces = g.split(factors, list(range(1, c)), 3, [f"chol_n{i}" for i in range(1, c)])
+        for i, (e, n) in enumerate(zip(rows, pieces, strict=True), 1):
+            part = g.op("MatMul", g.unsqueeze(n, [3], f"chol_n{i}_row"), first, name=f"chol_p{i}")  # (S, N, B, 1, C)
+            row = g.op("Sub", e, part, name=f"chol_y{i}")
+            first = g.op("Concat", first, row, name=f"chol_y_to_{i}", axis=3)
+        return self.transposed(first, "chol_inverse_t", 5)
+
+    def adjugate_over_determinant(self, packed: str) -> str:
+        """The same of 3 x 3 factors, in fewer nodes."""
         g, n = self.g, len(CHOL_ADJUGATE)
         place = np.zeros((n, 9), np.float32)
         for i, (_, _, sign, row, column) in enumerate(CHOL_ADJUGATE):
@@ -260,19 +289,19 @@ class _AminnGraph:
         return g.reshape(g.op("Div", adjugate, det, name="chol_inverse_flat"), [0, 0, 0, 3, 3], "chol_inverse_t")
 
     def spring_matrix(self, packed: str) -> str:
-        """K = L L^T (S, N, 3, 3, 3) from the packed L; only the debug outputs need it."""
-        g = self.g
-        place = np.zeros((6, 9), np.float32)
-        place[range(6), CHOL_PLACES] = 1
-        flat = g.op("MatMul", packed, g.constant("chol_place", place), name="chol_flat")  # (S, N, 3, 9)
-        chol = g.reshape(flat, [0, 0, 0, 3, 3], "chol")
+        """K = L L^T (S, N, B, C, C) from the packed L; only the debug outputs need it."""
+        g, c, entries = self.g, self.dims.coordinates, self.dims.cholesky_entries
+        place = np.zeros((len(entries), c * c), np.float32)
+        place[range(len(entries)), [c * i + j for i, j in entries]] = 1
+        flat = g.op("MatMul", packed, g.constant("chol_place", place), name="chol_flat")
+        chol = g.reshape(flat, [0, 0, 0, c, c], "chol")
         return g.op("MatMul", chol, self.transposed(chol, "chol_t", 5), name="k_spring")
 
     def unit(self, v: str, mask: Array) -> str:
-        """v * mask over its norm: (S, N, 3, 3)."""
+        """v * mask over its norm: (S, N, B, C)."""
         g = self.g
         live = g.op("Mul", v, g.constant("coord_mask", mask), name="dir_live")
-        square = self.squares(live, 3, "dir")  # (S, N, 3, 1)
+        square = self.squares(live, 3, "dir")  # (S, N, B, 1)
         norm = g.op("Sqrt", g.op("Add", square, g.constant("dir_floor", 1e-12), name="dir_floored"), name="dir_norm")
         return g.op("Div", live, norm, name="tendon_dir")
 
@@ -326,10 +355,10 @@ class _AminnGraph:
     def closure(self, flag: str) -> None:
         """What both passes share of the inputs."""
         g = self.g
-        self.b = g.op("Neg", "j_q", name="b")  # (N, 3, 3, 3)
-        self.root_flag = g.op("Sqrt", flag, name="root_contact")  # (N, 3, 1)
+        self.b = g.op("Neg", "j_q", name="b")  # (N, B, 3, C)
+        self.root_flag = g.op("Sqrt", flag, name="root_contact")  # (N, B, 1)
         a_s = g.op("Mul", self.a_s_rows, self.root_flag, name="a_contact_rows")
-        self.a_s = g.reshape(a_s, [0, 0, 3, N_WRENCH], "a_contact")  # (N, 3, 3, 6) sqrt(c) A S
+        self.a_s = g.reshape(a_s, [0, 0, 3, N_WRENCH], "a_contact")  # (N, B, 3, 6) sqrt(c) A S
         w_s = g.op("Mul", "w_e", self.s, name="w_scaled")  # (N, 6)
         self.w_s = g.unsqueeze(w_s, [2], "w_scaled_col")  # (N, 6, 1)
 
@@ -337,39 +366,51 @@ class _AminnGraph:
         """A regularisation constant of both stages (2)."""
         return np.array(pair_of(self.meta[key]))
 
-    def contact(self, g_t: str, u: str) -> dict[str, str]:
-        """Joints and contact in series, from G^T = B L^-T (S, N, 3, 3, 3) and the tendons' u = L^-1 d (S, N, 3, 1, 3).
+    def root_eps_m(self) -> NDArray[np.float64]:
+        """sqrt(eps_M) (S, 1, B, 1, 1); (S, 1, 1, 1, 1) where all branches have the same."""
+        eps = by_branch(self.meta["eps_m"], self.dims.branches)
+        if (eps == eps[:, :1]).all():
+            eps = eps[:, :1]
+        return np.sqrt(eps)[:, None, :, None, None]
 
-        Y (S, N, 3, 3, 6): Y^T Y = c A_s^T M^-1 A_s. Of u: t (S, N, 3, 1, 3) along the contact's orthonormal columns,
+    def contact(self, g_t: str, u: str | None) -> dict[str, str]:
+        """Joints and contact in series, from G^T = B L^-T (S, N, B, 3, C) and the tendons' u = L^-1 d (S, N, B, 1, C).
+
+        Y (S, N, B, 3, 6): Y^T Y = c A_s^T M^-1 A_s. Of u: t (S, N, B, 1, 3) along the contact's orthonormal columns,
         and the square of what is left.
         """
-        g = self.g
-        root_m = np.sqrt(self.constants_of("eps_m"))[:, None, None, None, None]
-        stacked = g.op("Concat", g_t, u, name="g_u_t", axis=3)  # (S, N, 3, 4, 3)
-        full = self.beside(stacked, 3, root_m * np.eye(4, 3), "g_t")  # (S, N, 3, 4, 6), with its transpose: M
-        rest, done = self.gram_schmidt(full, 4, 3, "m")
-        rows = g.op("Concat", *done, name="m_rows", axis=3)  # (S, N, 3, 3, 6)
-        norm = g.op("Sqrt", self.squares(rows, 4, "m"), name="m_norm")  # (S, N, 3, 3, 1)
+        g, c = self.g, self.dims.coordinates
+        root_m = self.root_eps_m()
+        stacked = g_t if u is None else g.op("Concat", g_t, u, name="g_u_t", axis=3)  # (S, N, B, 4, C)
+        n = 3 if u is None else 4
+        full = self.beside(stacked, c, root_m * np.eye(n, 3), "g_t")  # (S, N, B, 4, C + 3), with its transpose: M
+        rest, done = self.gram_schmidt(full, n, 3, "m")
+        rows = g.op("Concat", *done, *([rest] if u is None else []), name="m_rows", axis=3)  # (S, N, B, 3, C + 3)
+        norm = g.op("Sqrt", self.squares(rows, 4, "m"), name="m_norm")  # (S, N, B, 3, 1)
         unit = g.op("Div", rows, norm, name="m_unit")
-        _, tail = g.split(unit, [3, 3], 4, ["m_head", "m_tail"])
-        r_mt = g.op("Mul", tail, g.constant("m_scale", 1 / root_m), name="r_m_inverse_t")  # (S, N, 3, 3, 3) R_M^-T
-        y = g.op("MatMul", r_mt, self.a_s, name="y")  # (S, N, 3, 3, 6)
-        rest_square = g.reshape(self.squares(rest, 4, "rest"), [0, 0, N_BRANCH, 1], "rest_square")  # (S, N, 3, 1)
-        _, below = g.split(rest, [3, 3], 4, ["rest_head", "rest_tail"])  # (S, N, 3, 1, 3)
+        _, tail = g.split(unit, [c, 3], 4, ["m_head", "m_tail"])
+        r_mt = g.op("Mul", tail, g.constant("m_scale", 1 / root_m), name="r_m_inverse_t")  # (S, N, B, 3, 3) R_M^-T
+        y = g.op("MatMul", r_mt, self.a_s, name="y")  # (S, N, B, 3, 6)
+        found = dict(g_t=g_t, r_mt=r_mt, y=y)
+        if u is None:
+            return found
+        flat = [0, 0, self.dims.branches]
+        rest_square = g.reshape(self.squares(rest, 4, "rest"), [*flat, 1], "rest_square")  # (S, N, B, 1)
+        _, below = g.split(rest, [c, 3], 4, ["rest_head", "rest_tail"])  # (S, N, B, 1, 3)
         force = g.op("Mul", below, g.constant("rest_scale", -1 / root_m), name="tendon_force")
-        m = g.reshape(g.op("MatMul", force, self.a_s, name="m_row"), [0, 0, N_BRANCH, N_WRENCH], "m")  # (S, N, 3, 6)
-        return dict(g_t=g_t, r_mt=r_mt, y=y, m=m, rest_square=rest_square)
+        m = g.reshape(g.op("MatMul", force, self.a_s, name="m_row"), [*flat, N_WRENCH], "m")  # (S, N, B, 6)
+        return found | dict(m=m, rest_square=rest_square)
 
     def springs_alone(self, contact: dict[str, str]) -> dict[str, str]:
         """Pass 1: K_x = V^T V with V^T = [Y^T | sqrt(eps_Kx) S], and x = K_x^-1 w, in scaled lengths."""
-        g, root = self.g, np.sqrt(self.constants_of("eps_kx"))[:, None, None, None]
+        g, root, stacked = self.g, np.sqrt(self.constants_of("eps_kx"))[:, None, None, None], 3 * self.dims.branches
         scale = self.scale.astype(np.float64)
-        y_t = self.transposed(g.reshape(contact["y"], [0, 0, 9, 6], "y_rows"), "y_t", 4)  # (S, N, 6, 9)
-        v_t = self.beside(y_t, 9, root * np.diag(scale), "v_t")  # (S, N, 6, 15)
+        y_t = self.transposed(g.reshape(contact["y"], [0, 0, stacked, 6], "y_rows"), "y_t", 4)  # (S, N, 6, 3 B)
+        v_t = self.beside(y_t, stacked, root * np.diag(scale), "v_t")  # (S, N, 6, 3 B + 6)
         last, done = self.gram_schmidt(v_t, N_WRENCH, 2, "v")
         rows = g.op("Concat", *done, last, name="v_rows", axis=2)
         squares = self.squares(rows, 3, "v")  # (S, N, 6, 1)
-        _, tail = g.split(rows, [9, N_WRENCH], 3, ["v_head", "v_tail"])
+        _, tail = g.split(rows, [stacked, N_WRENCH], 3, ["v_head", "v_tail"])
         unit = g.op("Mul", tail, g.constant("v_tail_scale", 1 / (root * scale)), name="v_unit")  # (S, N, 6, 6) U
         forward = g.op("MatMul", unit, self.w_s, name="forward")  # (S, N, 6, 1)
         divided = g.op("Div", forward, squares, name="divided")
@@ -378,83 +419,97 @@ class _AminnGraph:
         return dict(v_t=v_t, squares=squares, unit=unit, unit_t=unit_t, forward=forward, x_col=x)
 
     def with_tendons(self, contact: dict[str, str], first: dict[str, str], stiffness: str) -> dict[str, str]:
-        """Pass 2: each tendon of stiffness s (S, N, 3, 1) adds n n^T to K_x, n = m sqrt(s / (1 + s rest^2)).
+        """Pass 2: each tendon of stiffness s (S, N, B, 1) adds n n^T to K_x, n = m sqrt(s / (1 + s rest^2)).
 
         With H the tendons seen by pass 1's factors, what they leave of the load is the residual of least squares.
         """
-        g = self.g
+        g, branches = self.g, self.dims.branches
         one = g.constant("one", 1.0)
         s_rest = g.op("Mul", stiffness, contact["rest_square"], name="s_rest")
         gamma = g.op("Div", stiffness, g.op("Add", s_rest, one, name="s_rest_plus1"), name="gamma")
-        root = g.op("Sqrt", gamma, name="root_gamma")  # (S, N, 3, 1)
-        n = g.op("Mul", contact["m"], root, name="n")  # (S, N, 3, 6)
-        h_t = g.op("MatMul", n, first["unit_t"], name="h_rows")  # (S, N, 3, 6)
+        root = g.op("Sqrt", gamma, name="root_gamma")  # (S, N, B, 1)
+        n = g.op("Mul", contact["m"], root, name="n")  # (S, N, B, 6)
+        h_t = g.op("MatMul", n, first["unit_t"], name="h_rows")  # (S, N, B, 6)
         load = g.reshape(first["forward"], [0, 0, 1, N_WRENCH], "load_row")
         inverse = g.reshape(
             g.op("Reciprocal", first["squares"], name="v_inverse"), [0, 0, 1, N_WRENCH], "v_inverse_row"
         )
-        weight = self.beside(inverse, N_WRENCH, np.ones((1, 1, 1, 3)), "h_weight")  # (S, N, 1, 9)
-        rows = g.op("Concat", h_t, load, name="h_load", axis=2)  # (S, N, 4, 6)
-        full = self.beside(rows, N_WRENCH, np.eye(4, 3)[None, None], "h_load")  # (S, N, 4, 9)
-        rest, _ = self.gram_schmidt(full, 4, 2, "h", weight)
-        left, _ = g.split(rest, [N_WRENCH, N_BRANCH], 3, ["load_left", "load_taken"])  # (S, N, 1, 6)
+        weight = self.beside(inverse, N_WRENCH, np.ones((1, 1, 1, branches)), "h_weight")  # (S, N, 1, 6 + B)
+        rows = g.op("Concat", h_t, load, name="h_load", axis=2)  # (S, N, B + 1, 6)
+        tail = np.eye(branches + 1, branches)[None, None]
+        full = self.beside(rows, N_WRENCH, tail, "h_load")  # (S, N, B + 1, 6 + B)
+        rest, _ = self.gram_schmidt(full, branches + 1, 2, "h", weight)
+        left, _ = g.split(rest, [N_WRENCH, branches], 3, ["load_left", "load_taken"])  # (S, N, 1, 6)
         z = g.op("Mul", left, inverse, name="z_row")
         x = g.reshape(g.op("MatMul", z, first["unit"], name="x_scaled_row"), [0, 0, N_WRENCH], "x_scaled")
         return dict(n=n, x_scaled=x, dx=g.op("Mul", x, self.s, name="dx_both"))
 
+    def without_tendons(self, first: dict[str, str]) -> dict[str, str]:
+        """What pass 2 would give without them: pass 1."""
+        g = self.g
+        x = g.reshape(first["x_col"], [0, 0, N_WRENCH], "x_scaled")
+        return dict(x_scaled=x, dx=g.op("Mul", x, self.s, name="dx_both"))
+
     def stiffness(self, first: dict[str, str], second: dict[str, str]) -> tuple[str, str]:
         """K_x (S, N, 6, 6), scaled and in SI."""
-        g, v_t, n = self.g, first["v_t"], second["n"]
-        v = g.op("Concat", v_t, self.transposed(n, "n_t", 4), name="v_n_t", axis=3)  # (S, N, 6, 18)
+        g, v = self.g, first["v_t"]
+        if "n" in second:
+            v = g.op("Concat", v, self.transposed(second["n"], "n_t", 4), name="v_n_t", axis=3)  # (S, N, 6, 4 B + 6)
         k_scaled = g.op("MatMul", v, self.transposed(v, "v_n", 4), name="k_scaled")
         scale = self.scale.astype(np.float64)
         return k_scaled, g.op("Mul", k_scaled, g.constant("k_unscale", 1 / np.outer(scale, scale)), name="k_x_both")
 
     def joint_deflection(self, contact: dict[str, str], first: dict[str, str], l_it: str) -> str:
-        """dq0 (S, N, 3, 3) of pass 1, masked by coordinate and contact; l_it is L^-T (S, N, 3, 3, 3)."""
+        """dq0 (S, N, B, C) of pass 1, masked by coordinate and contact; l_it is L^-T (S, N, B, C, C)."""
         g = self.g
         x = g.reshape(first["x_col"], [0, 0, 1, N_WRENCH, 1], "x_block")
         if self.meta["dq0"] == "statics":
-            stretch = g.op("MatMul", contact["y"], x, name="y_x")  # (S, N, 3, 3, 1)
+            stretch = g.op("MatMul", contact["y"], x, name="y_x")  # (S, N, B, 3, 1)
             force = g.op("MatMul", self.transposed(contact["r_mt"], "r_m_inverse", 5), stretch, name="force")
             moment = g.op("MatMul", self.transposed(contact["g_t"], "g", 5), force, name="g_force")
             raw = g.op("MatMul", l_it, moment, name="dq0_col")
         else:
             eps = self.constants_of("eps_jq")[:, None, None, None, None] * np.eye(3)
-            regular = g.op("Add", "j_q", g.constant("eps_jq", eps), name="j_q_regular")  # (S, N, 3, 3, 3)
-            motion = g.op("MatMul", self.a_s, x, name="motion")  # (S, N, 3, 3, 1) times sqrt(c)
+            regular = g.op("Add", "j_q", g.constant("eps_jq", eps), name="j_q_regular")  # (S, N, B, 3, 3)
+            motion = g.op("MatMul", self.a_s, x, name="motion")  # (S, N, B, 3, 1) times sqrt(c)
             product = g.op("MatMul", self.inverse_3x3(regular, 3, "j_q"), motion, name="dq0_negative")
             raw = g.op("Neg", product, name="dq0_col")  # the other sqrt(c) follows
         mask = g.constant("coord_mask", self.tensors["coord_mask"])
-        live = g.op("Mul", self.root_flag, mask, name="coord_live")  # (N, 3, 3)
-        return g.op("Mul", g.reshape(raw, [0, 0, 3, 3], "dq0_raw"), live, name="dq0_both")
+        live = g.op("Mul", self.root_flag, mask, name="coord_live")  # (N, B, C)
+        flat = [0, 0, self.dims.branches, self.dims.coordinates]
+        return g.op("Mul", g.reshape(raw, flat, "dq0_raw"), live, name="dq0_both")
 
     def stretch(self, springs: dict[str, str], contact: dict[str, str], first: dict[str, str], dq0: str | None) -> str:
-        """How far pass 1 stretches each tendon, eta = <dq0, d>: (S, N, 3, 1); in the form "statics" sqrt(c) m.x."""
+        """How far pass 1 stretches each tendon, eta = <dq0, d>: (S, N, B, 1); in the form "statics" sqrt(c) m.x."""
         g = self.g
         if self.meta["dq0"] == "statics":
             return g.op("Mul", g.op("MatMul", contact["m"], first["x_col"], name="m_x"), self.root_flag, name="eta")
         return g.reduce_sum(g.op("Mul", str(dq0), springs["tendon_dir"], name="eta_terms"), 3, "eta")
 
     def gates(self, springs: dict[str, str], eta: str) -> str:
-        """Engagement of each tendon (S, N, 3, 1)."""
+        """Engagement of each tendon (S, N, B, 1); 0 of a branch that has none."""
         g = self.g
         slack = g.op("Sub", eta, springs["beta"], name="slack")
         stretch = g.op("Mul", springs["alpha"], slack, name="stretch")
-        return g.op("Sigmoid", g.op("Add", stretch, springs["rho"], name="gate_logit"), name="gate_col")
+        gate = g.op("Sigmoid", g.op("Add", stretch, springs["rho"], name="gate_logit"), name="gate_col")
+        has_tendon = self.tensors["tendon_gain_nom"] > 0
+        if has_tendon.all():
+            return gate
+        return g.op("Mul", gate, g.constant("has_tendon", has_tendon[:, None]), name="gate_live")
 
     def fade(self, size: str) -> str:
-        """What K_x and gates count for (N, 15) when the tool moves by `size` (N, 1): less beyond L."""
+        """What K_x and gates count for (N, A) when the tool moves by `size` (N, 1): less beyond L."""
         g = self.g
         share = g.op("Div", g.constant("length", self.meta["length_scale"]), size, name="length_by_size")
-        motion = g.constant("aux_is_motion", np.repeat([1.0, 0.0], [N_WRENCH, N_AUX - N_WRENCH]))
+        motion = g.constant("aux_is_motion", np.repeat([1.0, 0.0], [N_WRENCH, self.dims.aux - N_WRENCH]))
         return g.op("Min", g.op("Max", share, motion, name="share_or_motion"), g.constant("one", 1.0), name="fade")
 
-    def classifier(self, f: str, second: dict[str, str], k_scaled: str, gate: str) -> None:
+    def classifier(self, f: str, second: dict[str, str], k_scaled: str, gate: str | None) -> None:
         """p_stable (N) from stage 1's feature and statics."""
         g, t = self.g, self.tensors
         f1, x1 = g.gather(f, 0, 0, "f_s1"), g.gather(second["x_scaled"], 0, 0, "x_scaled_s1")
-        k1, gate1 = g.gather(k_scaled, 0, 0, "k_scaled_s1"), g.gather(gate, 0, 0, "gate_classifier")
+        k1 = g.gather(k_scaled, 0, 0, "k_scaled_s1")
+        gates = [] if gate is None else [g.gather(gate, 0, 0, "gate_classifier")]
         size = g.op("ReduceL2", x1, g.index("axes", [1]), name="x_norm", keepdims=1)
         size = g.op("Max", size, g.constant("least_motion", LEAST_MOTION_M), name="x_size")  # (N, 1)
         log = self.log1p(size, np.float32(self.meta["displacement_log_scale"]), "x_size")
@@ -462,72 +517,105 @@ class _AminnGraph:
         flat = g.reshape(k1, [0, N_WRENCH * N_WRENCH], "k_flat")
         diagonal = g.gather(flat, [(N_WRENCH + 1) * i for i in range(N_WRENCH)], 1, "k_diagonal")
         log_diagonal = g.op("Log", diagonal, name="k_diagonal_log")
-        aux = g.op("Concat", motion, log_diagonal, gate1, name="aux", axis=1)  # (N, 15)
+        aux = g.op("Concat", motion, log_diagonal, *gates, name="aux", axis=1)  # (N, A)
         a = self.normalised(aux, t["s1.aux_mean"], t["s1.aux_inv_std"], "aux_norm")
         a = g.op("Mul", a, self.fade(size), name="aux_faded")
-        joined = g.op("Concat", f1, a, name="f_aux", axis=1)  # (N, H + 15)
+        joined = g.op("Concat", f1, a, name="f_aux", axis=1)  # (N, H + A)
         hidden = self.dense(joined, t["s1.cls1_w"], t["s1.cls1_b"], "cls_hidden")  # (N, HD)
         logit = self.linear(hidden, t["s1.cls2_w"], t["s1.cls2_b"], "logit")  # (N, 1)
         g.op("Squeeze", g.op("Sigmoid", logit, name="p_stable_col"), g.index("axes", [1]), name="p_stable")
 
     def build(self, debug: bool) -> onnx.ModelProto:
         """The whole graph."""
-        g = self.g
+        g, dims = self.g, self.dims
         flag, z_c = self.contact_input()
         self.closure(flag)
         f = self.features(z_c)
         springs = self.springs(f)
-        l_it = self.chol_inverse_t(springs["chol"])
-        g_t = g.op("MatMul", self.b, l_it, name="g_t")  # (S, N, 3, 3, 3)
-        u = g.op("MatMul", g.unsqueeze(springs["tendon_dir"], [3], "dir_row"), l_it, name="u")  # (S, N, 3, 1, 3)
+        l_it = self.chol_inverse_t(springs)
+        g_t = g.op("MatMul", self.b, l_it, name="g_t")  # (S, N, B, 3, C)
+        u = None
+        if dims.gates:
+            u = g.op("MatMul", g.unsqueeze(springs["tendon_dir"], [3], "dir_row"), l_it, name="u")  # (S, N, B, 1, C)
         contact = self.contact(g_t, u)
         first = self.springs_alone(contact)
-        needed = debug or self.meta["dq0"] != "statics"
+        needed = debug or (dims.gates and self.meta["dq0"] != "statics")
         dq0 = self.joint_deflection(contact, first, l_it) if needed else None
-        gate_col = self.gates(springs, self.stretch(springs, contact, first, dq0))
-        gate = g.op("Squeeze", gate_col, g.index("axes", [3]), name="gate_both")  # (S, N, 3)
-        second = self.with_tendons(contact, first, g.op("Mul", springs["gain"], gate_col, name="tendon_stiffness"))
+        gate, second = self.passes(springs, contact, first, dq0)
         k_scaled, k_x = self.stiffness(first, second)
         self.classifier(f, second, k_scaled, gate)
-        for name, value in (("dx_ht", second["dx"]), ("k_x", k_x), ("gate", gate)):
+        for name, value in (("dx_ht", second["dx"]), ("k_x", k_x)):
             g.gather(value, 1, 0, name)
-        outputs = dict(OUTPUT_SHAPES)
+        if gate is not None:
+            g.gather(gate, 1, 0, "gate")
+        else:
+            self.zeros("gate", dims.outputs["gate"])
+        outputs = dict(dims.outputs)
         if debug:
             x0 = g.reshape(first["x_col"], [0, 0, N_WRENCH], "x0")
             dx0 = g.op("Mul", x0, self.s, name="dx0_both")
-            values = self.debug_values(springs) | dict(dx0=dx0, dq0=str(dq0), gate=gate, k_x=k_x, dx=second["dx"])
+            values = self.debug_values(springs) | dict(dx0=dx0, dq0=str(dq0), k_x=k_x, dx=second["dx"])
+            values |= {} if gate is None else {"gate": gate}
             outputs |= self.debug_outputs(values)
         name = "aminn_debug" if debug else "aminn"
-        return g.model(name, INPUT_SHAPES, outputs, OPSET, IR_VERSION, onnx_metadata(self.meta))
+        return g.model(name, dims.inputs, outputs, OPSET, IR_VERSION, onnx_metadata(self.meta))
+
+    def passes(
+        self, springs: dict[str, str], contact: dict[str, str], first: dict[str, str], dq0: str | None
+    ) -> tuple[str | None, dict[str, str]]:
+        """(gates of both stages (S, N, B), none if the hand has none; what pass 2 gives)."""
+        g = self.g
+        if not self.dims.gates:
+            return None, self.without_tendons(first)
+        gate_col = self.gates(springs, self.stretch(springs, contact, first, dq0))
+        gate = g.op("Squeeze", gate_col, g.index("axes", [3]), name="gate_both")  # (S, N, B)
+        tendons = g.op("Mul", springs["gain"], gate_col, name="tendon_stiffness")
+        return gate, self.with_tendons(contact, first, tendons)
+
+    def zeros(self, name: str, shape: tuple[int, ...]) -> None:
+        """An output (N, *shape) of zeros."""
+        size = self.g.op("Concat", self.batch, self.g.index("row", shape), name=f"{name}_size", axis=0)
+        self.g.op("ConstantOfShape", size, name=name)
 
     def debug_values(self, springs: dict[str, str]) -> dict[str, str]:
         """Spring and tendon intermediates of both stages by their output name."""
         g = self.g
+        values = dict(k_spring=self.spring_matrix(springs["chol"]))
+        if not self.dims.gates:
+            return values
         names = ("alpha", "beta", "rho")
-        return dict(
-            k_spring=self.spring_matrix(springs["chol"]),
+        return values | dict(
             tendon_dir=springs["tendon_dir"],
             tendon_gain=g.op("Squeeze", springs["gain"], g.index("axes", [3]), name="tendon_gain_both"),
             gate_params=g.op("Concat", *(springs[n] for n in names), name="gate_params_both", axis=3),
         )
 
     def debug_outputs(self, values: dict[str, str]) -> dict[str, tuple[int, ...]]:
-        """Name every intermediate of each stage; returns their shapes."""
+        """Name every intermediate of each stage, zeros where the hand has no tendon; returns their shapes."""
         shapes = {}
         for i, stage in enumerate(STAGES):
-            for name, shape in DEBUG_SHAPES.items():
-                self.g.gather(values[name], i, 0, f"{stage}_{name}")
+            for name, shape in self.dims.debug.items():
+                if name in values:
+                    self.g.gather(values[name], i, 0, f"{stage}_{name}")
+                else:
+                    self.zeros(f"{stage}_{name}", shape)
                 shapes[f"{stage}_{name}"] = shape
         return shapes
 
 
 def build_onnx(exported: Exported, debug: bool = False) -> onnx.ModelProto:
     """The model of `exported`, checked; with `debug`, the intermediates of both stages are outputs too."""
+    dims = dims_of(exported.tensors)
     for key in ("eps_m", "eps_kx"):
-        if min(pair_of(exported.meta[key])) <= 0:
+        if by_branch(exported.meta[key], dims.branches).min() <= 0:
             raise AminnError(f"export: {key} is {exported.meta[key]}; it must be positive")
     if exported.meta["dq0"] not in ("statics", "inverse"):
         raise AminnError(f"export: dq0 is {exported.meta['dq0']!r}, not 'statics' or 'inverse'")
+    if exported.meta["dq0"] == "inverse" and dims.coordinates != 3:
+        raise AminnError(
+            f"export: dq0 is 'inverse', which takes the inverse of j_q; the branches of this hand have up to "
+            f"{dims.coordinates} coordinates, not 3: train with 'statics'"
+        )
     model = _AminnGraph(exported).build(debug)
     onnx.checker.check_model(model, full_check=True)
     return model

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from .layout import N_STATE
+from aminn_hand.hand import Dims
 
 MARGIN = 0.05
 """Share of a field's range that it is widened by on both sides: unseen grasps of the same kind lie a little outside."""
@@ -18,8 +18,8 @@ STATE_FIELDS = ("q", "x_ht", "w_e", "contacts")
 
 
 def _values(inputs: dict[str, NDArray]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """The states' numbers (N, 44) in the order of the fields, and which count: a contact's where it is one."""
-    contacts = np.asarray(inputs["contacts"], np.float64)  # (N, 3, 8)
+    """The states' numbers (N, S) in the order of the fields, and which count: a contact's where it is one."""
+    contacts = np.asarray(inputs["contacts"], np.float64)  # (N, B, 8)
     closed = np.broadcast_to(contacts[..., :1] > 0, contacts.shape).copy()
     closed[..., 0] = True
     n = len(contacts)
@@ -30,7 +30,7 @@ def _values(inputs: dict[str, NDArray]) -> tuple[NDArray[np.float64], NDArray[np
 
 
 def state_ranges(inputs: dict[str, NDArray]) -> dict[str, NDArray[np.float32]]:
-    """`range_min` and `range_max` (44) over samples; a contact's numbers count where it is one."""
+    """`range_min` and `range_max` (S) over samples; a contact's numbers count where it is one."""
     values, counts = _values(inputs)
     low = np.where(counts, values, np.inf).min(0)
     high = np.where(counts, values, -np.inf).max(0)
@@ -44,10 +44,12 @@ def within_ranges(inputs: dict[str, NDArray], ranges: Mapping[str, NDArray[np.fl
     """Which states (N,) the runtime does not note as out of range; `ranges` as of `state_ranges`."""
     values, counts = _values(inputs)
     values = values.astype(np.float32)
-    return ((values >= ranges["range_min"]) & (values <= ranges["range_max"]) | ~counts).all(1)
+    inside = (values >= ranges["range_min"]) & (values <= ranges["range_max"])
+    return np.asarray((inside | ~counts).all(1))
 
 
-def unknown_ranges() -> dict[str, NDArray[np.float32]]:
+def unknown_ranges(dims: Dims) -> dict[str, NDArray[np.float32]]:
     """Ranges that hold every state: for a model exported without its data."""
     largest = np.finfo(np.float32).max
-    return {"range_min": np.full(N_STATE, -largest, np.float32), "range_max": np.full(N_STATE, largest, np.float32)}
+    bounds = {"range_min": -largest, "range_max": largest}
+    return {name: np.full(dims.state, bound, np.float32) for name, bound in bounds.items()}

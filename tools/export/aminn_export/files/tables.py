@@ -1,13 +1,20 @@
-"""What the exporter needs of a model: constants and float32 tables, as `aminn.model.export_tables` gives them."""
+"""What the exporter needs of a model: constants and tables, as `aminn.model.export_tables` gives them."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Mapping
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from aminn_base.errors import AminnError
+from aminn_hand.hand import Dims
+
 STAGES = ("s1", "s2")
+HAND = "hand_description"
+"""Of `meta`: what `Hand.as_dict` gives. A model that was read from a binary file lacks it."""
+Tensors = Mapping[str, NDArray[Any]]
 
 
 class Exported(Protocol):
@@ -18,7 +25,7 @@ class Exported(Protocol):
         """Scalars and names."""
 
     @property
-    def tensors(self) -> dict[str, NDArray[np.float32]]:
+    def tensors(self) -> dict[str, NDArray[Any]]:
         """Tables by name, weights [out][in]; "s1." or "s2." before the name of a stage's own."""
 
 
@@ -26,3 +33,27 @@ def pair_of(value: object) -> tuple[float, float]:
     """A constant that may be one number or [stage 1, stage 2], as a pair."""
     first, second = value if isinstance(value, (list, tuple)) else (value, value)
     return float(first), float(second)
+
+
+def dims_of(tensors: Tensors) -> Dims:
+    """The counts of a model's hand, from its tables; of tendons those with a gate alone."""
+    if "coord_mask" not in tensors:
+        raise AminnError("model: tensor coord_mask is missing")
+    mask = np.asarray(tensors["coord_mask"])
+    gates = max(1, int(np.count_nonzero(tensors["tendon_gain_nom"]))) if "tendon_gain_nom" in tensors else 0
+    return Dims(mask.shape[0], mask.shape[1], int(mask.sum()), gates, gates)
+
+
+def by_branch(value: object, branches: int) -> NDArray[np.float64]:
+    """(2, B) from a constant that is one number, [stage 1, stage 2], or [stage][branch]."""
+    stages = value if isinstance(value, (list, tuple)) else (value, value)
+    return np.array([np.broadcast_to(np.asarray(stage, np.float64), branches) for stage in stages])
+
+
+def shortest(values: NDArray[np.floating]) -> float | list[Any]:
+    """The inverse of `by_branch`: one number where all agree, [stage 1, stage 2] where the branches do."""
+    if (values == values[:1, :1]).all():
+        return float(values[0, 0])
+    if (values == values[:, :1]).all():
+        return [float(v) for v in values[:, 0]]
+    return [[float(v) for v in stage] for stage in values]

@@ -29,10 +29,10 @@ from aminn_base.program import Messages
 
 from ..files.bin_model import BinModel, read_bin_model
 from ..files.onnx_model import IR_VERSION, ONNX_FILE, OPSET, build_onnx
+from ..files.tables import dims_of
 from ..replay.runtime_place import find_in, runtime_source
 from ..replay.targets import run
 from ..samples.golden import GOLDEN_FILE
-from ..samples.vectors import N_IN
 from .verify import model_prefix
 
 ROUNDS = 1000
@@ -53,23 +53,23 @@ def parameters(model: BinModel) -> int:
     return sum(v.size for name, v in model.tensors.items() if name.endswith(("_w", "_b")))
 
 
-def plain_mlp(n_parameters: int) -> onnx.ModelProto:
-    """An ONNX model of two hidden layers, 125 inputs and 7 outputs, with at most so many parameters."""
-    b = N_IN + 1 + 1 + MLP_OUTPUTS  # h^2 + b h + 7 parameters
+def plain_mlp(n_parameters: int, n_in: int) -> onnx.ModelProto:
+    """An ONNX model of two hidden layers, `n_in` inputs and 7 outputs, with at most so many parameters."""
+    b = n_in + 1 + 1 + MLP_OUTPUTS  # h^2 + b h + 7 parameters
     h = int((-b + np.sqrt(b * b + 4 * (n_parameters - MLP_OUTPUTS))) / 2)
     rng = np.random.default_rng(0)
-    sizes = (N_IN, h, h, MLP_OUTPUTS)
+    sizes = (n_in, h, h, MLP_OUTPUTS)
     nodes, tensors, value = [], [], "x"
-    for i, (n_in, n_out) in enumerate(pairwise(sizes)):
-        for name, shape in ((f"w{i}", (n_in, n_out)), (f"b{i}", (n_out,))):
-            array = (rng.normal(size=shape) / np.sqrt(n_in)).astype(np.float32)
+    for i, (rows, columns) in enumerate(pairwise(sizes)):
+        for name, shape in ((f"w{i}", (rows, columns)), (f"b{i}", (columns,))):
+            array = (rng.normal(size=shape) / np.sqrt(rows)).astype(np.float32)
             tensors.append(numpy_helper.from_array(array, name))
         last = i == len(sizes) - 2
         nodes.append(helper.make_node("Gemm", [value, f"w{i}", f"b{i}"], ["y" if last else f"z{i}"]))
         if not last:
             nodes.append(helper.make_node("Relu", [f"z{i}"], [f"h{i}"]))
         value = f"h{i}"
-    ends = [helper.make_tensor_value_info(n, TensorProto.FLOAT, [1, k]) for n, k in (("x", N_IN), ("y", MLP_OUTPUTS))]
+    ends = [helper.make_tensor_value_info(n, TensorProto.FLOAT, [1, k]) for n, k in (("x", n_in), ("y", MLP_OUTPUTS))]
     graph = helper.make_graph(nodes, "mlp", ends[:1], ends[1:], tensors)
     return helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=IR_VERSION)
 
@@ -138,7 +138,7 @@ def bench(model_dir: Path, vectors: Path, build_dir: Path, rounds: int = ROUNDS)
         program, graph, mlp = (Path(folder) / name for name in ("aminn_bench", "aminn.onnx", "mlp.onnx"))
         file = model_dir / ONNX_FILE
         graph.write_bytes(file.read_bytes() if file.is_file() else build_onnx(model).SerializeToString())
-        mlp.write_bytes(plain_mlp(parameters(model)).SerializeToString())
+        mlp.write_bytes(plain_mlp(parameters(model), dims_of(model.tensors).input).SerializeToString())
         command = [str(program), str(blob), str(vectors), str(rounds), str(onnxruntime_library()), str(graph), str(mlp)]
         compile_bench(model, source, find_in(build_dir, "libaminn_rt.a"), program, "native")
         report: Report = json.loads(run(command, "aminn_bench"))

@@ -13,6 +13,7 @@ from aminn_base.read import AnyPath
 
 from ..files.bin_model import model_crc, read_bin_model
 from ..files.packing import MAGIC as MODEL_MAGIC
+from ..files.tables import dims_of
 from ..samples.vectors import RESULT_MAGIC, VECTOR_MAGIC, Results, magic_of, read_results, read_vectors
 from .verdict import Failure, Verdict, compare_bits, compare_within
 
@@ -39,7 +40,8 @@ def _by_kind(files: Sequence[Path]) -> dict[str, list[Path]]:
 
 
 def _with_reference(model_file: Path, vector_file: Path, result_file: Path) -> Verdict:
-    model, vectors = read_bin_model(model_file), read_vectors(vector_file)
+    model = read_bin_model(model_file)
+    vectors = read_vectors(vector_file, dims_of(model.tensors))
     if not len(vectors.reference["p_stable"]):
         raise AminnError(f"{vector_file}: holds no sample: there is nothing to compare")
     results = _results(result_file)

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aminn.data.dataset import load_dataset
-from aminn.hand.dims import INPUT_SHAPES, OUTPUT_SHAPES
 from aminn_base.files import check_outputs, write_json
 from aminn_base.program import Messages
+from aminn_hand.hand import INPUTS, OUTPUTS
 
 from ..files.bin_model import BinModel, read_bin_model
 from ..files.ranges import within_ranges
@@ -48,21 +48,21 @@ class SquareRootReference(Reference):
     """The float64 model with the statics by QR factorisations: no stiffness is formed before it is solved with."""
 
     def _pass(self, stage: int, k_q: Array, x: dict[str, Array]) -> tuple[Array, Array, Array]:
-        eps_m, eps_kx = pair_of(self.meta["eps_m"])[stage], pair_of(self.meta["eps_kx"])[stage]
-        n, s = len(k_q), self.s
-        contact = np.sqrt(x["contacts"][..., 0])[..., None, None]  # (N, 3, 1, 1)
-        lower = np.linalg.cholesky(k_q)  # (N, 3, 3, 3)
+        root_m, eps_kx = np.sqrt(self.eps_m[stage])[:, None, None], pair_of(self.meta["eps_kx"])[stage]
+        n, s, n_b, n_c = len(k_q), self.s, self.b, self.c
+        contact = np.sqrt(x["contacts"][..., 0])[..., None, None]  # (N, B, 1, 1)
+        lower = np.linalg.cholesky(k_q)  # (N, B, C, C)
         g = np.linalg.solve(lower, -np.swapaxes(x["j_q"], -1, -2))
-        eye = np.broadcast_to(np.sqrt(eps_m) * np.eye(3), g.shape)
-        q_m, r_m = np.linalg.qr(np.concatenate([g, eye], -2))  # (N, 3, 6, 3), (N, 3, 3, 3)
-        y = contact * np.linalg.solve(np.swapaxes(r_m, -1, -2), x["j_x"] * s)  # (N, 3, 3, 6)
+        eye = np.broadcast_to(root_m * np.eye(3), (n, n_b, 3, 3))
+        q_m, r_m = np.linalg.qr(np.concatenate([g, eye], -2))  # (N, B, C + 3, 3), (N, B, 3, 3)
+        y = contact * np.linalg.solve(np.swapaxes(r_m, -1, -2), x["j_x"] * s)  # (N, B, 3, 6)
         tail = np.broadcast_to(np.sqrt(eps_kx) * np.diag(s), (n, 6, 6))
-        v = np.concatenate([y.reshape(n, 9, 6), tail], 1)  # (N, 15, 6)
+        v = np.concatenate([y.reshape(n, 3 * n_b, 6), tail], 1)  # (N, 3 B + 6, 6)
         q_x, r_x = np.linalg.qr(v)
         t = np.linalg.solve(np.swapaxes(r_x, -1, -2), (x["w_e"] * s)[..., None])  # (N, 6, 1)
         dx = np.linalg.solve(r_x, t)[..., 0] * s
-        strain = (q_x @ t)[:, :9].reshape(n, 3, 3, 1)
-        dq = np.linalg.solve(np.swapaxes(lower, -1, -2), q_m[..., :3, :] @ (contact * strain))
+        strain = (q_x @ t)[:, : 3 * n_b].reshape(n, n_b, 3, 1)
+        dq = np.linalg.solve(np.swapaxes(lower, -1, -2), q_m[..., :n_c, :] @ (contact * strain))
         k_x = np.swapaxes(v, -1, -2) @ v / s[:, None] / s
         return k_x, dx, dq[..., 0]
 
@@ -71,7 +71,7 @@ def in_chunks(reference: Reference, inputs: dict[str, NDArray]) -> dict[str, Arr
     """Its outputs for many states."""
     n = len(inputs["q"])
     parts = [reference({k: v[i : i + CHUNK] for k, v in inputs.items()}) for i in range(0, n, CHUNK)]
-    return {name: np.concatenate([p[name] for p in parts]) for name in OUTPUT_SHAPES}
+    return {name: np.concatenate([p[name] for p in parts]) for name in OUTPUTS}
 
 
 def _quantiles(name: str, values: Array) -> Figures:
@@ -98,7 +98,7 @@ def compare_set(
     condition = scaled_condition(exact["k_x"])
     figures: Figures = {f"{name}_states": len(rows)} | _quantiles(f"{name}_condition", condition)
     for runtime, outputs in (("runtime", results.outputs), ("onnx", onnx)):
-        errors = error_figures({k: outputs[k][rows] for k in OUTPUT_SHAPES}, exact, condition)
+        errors = error_figures({k: outputs[k][rows] for k in OUTPUTS}, exact, condition)
         figures |= {f"{name}_{runtime}_{key}": value for key, value in errors.items()}
     return figures
 
@@ -117,7 +117,7 @@ def p_stable_sensitivity(
     if not len(off):
         return {"adversarial_p_stable_beyond_limit": 0}
     rng, reference = np.random.default_rng(0), SquareRootReference(model)
-    x = {k: inputs[k][off].astype(np.float64) for k in INPUT_SHAPES}
+    x = {k: inputs[k][off].astype(np.float64) for k in INPUTS}
     change = np.zeros(len(off))
     for _ in range(PERTURBATIONS):
         moved = {k: v * (1 + UNIT * rng.uniform(-1, 1, v.shape)) for k, v in x.items()}
@@ -174,9 +174,9 @@ def fidelity(
     model = read_bin_model(model_dir / f"{prefix}.bin")
     work.mkdir(parents=True, exist_ok=True)
     simulated = samples_of_dataset(load_dataset(data), n).inputs
-    simulated = {k: simulated[k][:n] for k in INPUT_SHAPES}
+    simulated = {k: simulated[k][:n] for k in INPUTS}
     hard, kind = adversarial_states(simulated, model, n)
-    inputs = {k: np.concatenate([simulated[k], hard[k]]) for k in INPUT_SHAPES}
+    inputs = {k: np.concatenate([simulated[k], hard[k]]) for k in INPUTS}
     onnx = run_onnx(onnx_session(model_dir, prefix), inputs)
     truth = in_chunks(SquareRootReference(model), inputs)
     vectors = work / "states.bin"

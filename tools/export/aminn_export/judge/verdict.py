@@ -6,13 +6,14 @@ not finite where it must be is a failure whatever stands beside it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aminn.hand.dims import OUTPUT_SHAPES
+from aminn_base.errors import AminnError
+from aminn_hand.hand import OUTPUTS
 
 from ..samples.vectors import Results
 from .tolerances import CONDITION_MAX, MEDIAN_MIN_SAMPLES, TOLERANCES
@@ -81,9 +82,13 @@ class Verdict:
 Names = Callable[[int], str]
 
 
-def component_name(output: str, component: int) -> str:
+def holds(p_stable: NDArray, tau: float | np.floating) -> NDArray[np.bool_]:
+    """The decision, as the runtime makes it: in single precision."""
+    return np.asarray(np.asarray(p_stable, np.float32) >= np.float32(tau))
+
+
+def component_name(output: str, component: int, shape: tuple[int, ...]) -> str:
     """Of a component, row-major: "k_x[2][4]"."""
-    shape = OUTPUT_SHAPES.get(output, ())
     return output + "".join(f"[{i}]" for i in np.unravel_index(component, shape)) if shape else output
 
 
@@ -122,15 +127,16 @@ class _Within:
         self.tau, self.target, self.names = np.float32(tau), target, names
         self.rows = np.flatnonzero(got.status == 0)
         n = len(self.rows)
-        self.got = {k: np.asarray(got.outputs[k][self.rows], np.float64).reshape(n, -1) for k in OUTPUT_SHAPES}
-        self.want = {k: np.asarray(want[k][self.rows], np.float64).reshape(n, -1) for k in OUTPUT_SHAPES}
+        self.shapes = {k: np.shape(want[k])[1:] for k in OUTPUTS}
+        self.got = {k: np.asarray(got.outputs[k][self.rows], np.float64).reshape(n, -1) for k in OUTPUTS}
+        self.want = {k: np.asarray(want[k][self.rows], np.float64).reshape(n, -1) for k in OUTPUTS}
         self.stable = got.decision[self.rows]
         motion = np.array([1.0] * 3 + [length] * 3)
         self.scale = {
             "p_stable": np.ones(1),
             "dx_ht": motion,
             "k_x": (1 / motion[:, None] / motion).ravel(),
-            "gate": np.ones(3),
+            "gate": np.ones(self.shapes["gate"]),
         }
         self.size = np.linalg.norm(self.want["dx_ht"] * motion, axis=1)
         self.condition = known_condition(self.want["k_x"].reshape(n, 6, 6), length)
@@ -152,7 +158,7 @@ class _Within:
     ) -> None:
         """Note that a component of one of the accepted samples is beyond its limit."""
         sample, got = int(self.rows[row]), self.got[output][row, component] if output in self.got else self.stable[row]
-        name = component_name(output, component)
+        name = component_name(output, component, self.shapes.get(output, ()))
         self.failures.append(
             Failure(self.target, name, sample, float(got), want, float(limit), float(share), self.names(sample))
         )
@@ -195,11 +201,11 @@ class _Within:
         p, own = self.want["p_stable"][:, 0], self.got["p_stable"][:, 0]
         distance = np.abs(p - self.tau)
         close = distance <= limit
-        want = np.where(close, own >= self.tau, p >= self.tau).astype(float)
+        want = np.where(close, holds(own, self.tau), holds(p, self.tau)).astype(float)
         for row in np.flatnonzero(~(self.stable == want)):
             share = np.inf if close[row] else float(_share(distance[row], limit[row]))
             self.fail(row, "stable", 0, want[row], 0.0, share)
-        return int((~(self.stable == (p >= self.tau))).sum())
+        return int((~(self.stable == holds(p, self.tau))).sum())
 
     def medians(self) -> None:
         """Judge the medians, where there are enough samples."""
@@ -225,6 +231,13 @@ def _other_number(target: str, got: Results, want: int) -> Verdict | None:
     return Verdict({"samples": len(got.status)}, [failure], ("samples",))
 
 
+def _check_hand(got: Mapping[str, NDArray], want: Mapping[str, NDArray]) -> None:
+    """Raises AminnError where results are of a hand of another number of branches."""
+    found, wanted = (np.shape(values["gate"])[1] for values in (got, want))
+    if found != wanted:
+        raise AminnError(f"compare: results of a hand of {found} branches, and a reference of one of {wanted}")
+
+
 def compare_within(
     got: Results,
     want: dict[str, NDArray[np.float32]],
@@ -239,6 +252,7 @@ def compare_within(
     `tau` and `length` (length_scale, m) are the model's. Samples that the runtime refused fail by their status.
     `symmetric`: k_x must be so to the bit, as the runtime promises and ONNX Runtime does not.
     """
+    _check_hand(got.outputs, want)
     other = _other_number(target, got, len(want["p_stable"]))
     if other:
         return other
@@ -274,19 +288,20 @@ def compare_within(
 
 def compare_bits(got: Results, want: Results, target: str = "", names: Names = lambda i: f"sample {i}") -> Verdict:
     """Judge results by others whose bits they must have."""
+    _check_hand(got.outputs, want.outputs)
     other = _other_number(target, got, len(want.status))
     if other:
         return other
     n, failures, words = len(got.status), [], 0
-    for output in (*OUTPUT_SHAPES, "stable"):
+    for output in (*OUTPUTS, "stable"):
         a, b = ((r.decision if output == "stable" else r.outputs[output]).reshape(n, -1) for r in (got, want))
         for i, c in np.argwhere(a.view(np.uint32) != b.view(np.uint32)):
             words += 1
-            name = component_name(output, c)
+            name = component_name(output, c, got.outputs[output].shape[1:] if output in got.outputs else ())
             values = (float(a[i, c]), float(b[i, c]))
             failures.append(Failure(target, name, int(i), *values, 0.0, np.inf, names(int(i)), exact=True))
     for i in np.flatnonzero(got.status != want.status):
         values = (float(got.status[i]), float(want.status[i]))
         failures.append(Failure(target, "status", int(i), *values, 0.0, np.inf, names(int(i)), exact=True))
     figures: Figures = {"samples": n, "refused": int((got.status != 0).sum()), "different_words": words}
-    return Verdict(figures, worst_first(failures), ("status", "stable", *OUTPUT_SHAPES))
+    return Verdict(figures, worst_first(failures), ("status", "stable", *OUTPUTS))

@@ -23,14 +23,14 @@ from numpy.typing import NDArray
 
 from aminn.data.dataset import SPLITS, Dataset, load_dataset, split_of
 from aminn.evaluation.evaluate import align_columns
-from aminn.hand.dims import INPUT_SHAPES, OUTPUT_SHAPES
-from aminn.hand.dims import LENGTH_SCALE_M as LENGTH_M
 from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
 from aminn_base.read import AnyPath
+from aminn_hand.hand import INPUTS, LENGTH_M, OUTPUTS
 
 from ..files.bin_model import BinModel, read_bin_model
 from ..files.onnx_model import DEBUG_FILE, ONNX_FILE, build_onnx
+from ..files.tables import dims_of
 from ..replay import serial_protocol, targets
 from ..replay.engines import ENGINES, load_engine
 from ..replay.runtime_place import REPLAY_SOURCES, RuntimePlace, find_runtime
@@ -38,7 +38,7 @@ from ..samples.golden import GOLDEN_FILE, inputs_of, run_onnx, single_thread_ses
 from ..samples.reference import Reference
 from ..samples.vectors import Results, read_results, read_vectors, write_vectors
 from .identity import check_model_hand, misfits
-from .verdict import Failure, Verdict, compare_bits, compare_within, worst_first
+from .verdict import Failure, Verdict, compare_bits, compare_within, holds, worst_first
 from .verdict_report import Case, shown
 
 Array = NDArray[np.float64]
@@ -80,7 +80,7 @@ class Exact:
     onnx: dict[str, NDArray[np.float32]]
     float64: dict[str, Array]
     condition: Array
-    """Of K_x with lengths divided by 0.1 m (n)."""
+    """Of K_x with lengths divided by `length` (n)."""
     tau: np.float32
     length: float
     """length_scale, m."""
@@ -103,7 +103,7 @@ def samples_of_dataset(dataset: Dataset, min_samples: int | None = None) -> Samp
 def load_samples(source: AnyPath, min_samples: int | None = None, model: BinModel | None = None) -> Samples:
     """Samples of a data set (a folder) or of a vector file.
 
-    Raises AminnError where there is none, and where the data set is of another hand than `model`.
+    Raises AminnError where there is none, and where they are of another hand than `model`.
     """
     source = Path(source)
     if source.is_dir():
@@ -112,7 +112,8 @@ def load_samples(source: AnyPath, min_samples: int | None = None, model: BinMode
             check_model_hand(model, dataset, source)
         samples = samples_of_dataset(dataset, min_samples)
     else:
-        samples = Samples(read_vectors(source).inputs, lambda i: f"sample {i} of {source.name}")
+        hand = None if model is None else dims_of(model.tensors)
+        samples = Samples(read_vectors(source, hand).inputs, lambda i: f"sample {i} of {source.name}")
     if not len(samples.inputs["q"]):
         raise AminnError(f"{source}: holds no sample: there is nothing to verify")
     return samples
@@ -184,14 +185,14 @@ def _replay_board(port: str, model: BinModel, vectors: Path, out: Path) -> Repor
 
 
 # --- comparison -----------------------------------------------------------------------------------------------------
-def scaled_norm(dx: NDArray) -> Array:
-    """Size (n), m, of displacements with rotations times 0.1 m."""
-    return np.linalg.norm(np.asarray(dx, np.float64) * ([1.0] * 3 + [LENGTH_M] * 3), axis=1)
+def scaled_norm(dx: NDArray, length: float = LENGTH_M) -> Array:
+    """Size (n), m, of displacements with rotations times `length`, m."""
+    return np.linalg.norm(np.asarray(dx, np.float64) * ([1.0] * 3 + [length] * 3), axis=1)
 
 
-def scaled_condition(k_x: Array) -> Array:
-    """Condition number (n) of stiffness matrices with lengths divided by 0.1 m."""
-    s = np.array([1.0] * 3 + [1 / LENGTH_M] * 3)
+def scaled_condition(k_x: Array, length: float = LENGTH_M) -> Array:
+    """Condition number (n) of stiffness matrices with lengths divided by `length`, m."""
+    s = np.array([1.0] * 3 + [1 / length] * 3)
     return np.linalg.cond(k_x * s[:, None] * s)
 
 
@@ -203,10 +204,10 @@ def _quantile(values: Array, q: float) -> float:
     return float(np.quantile(values, q)) if len(values) else 0.0
 
 
-def dx_figures(dx: NDArray, reference: NDArray) -> Report:
-    """How far displacements (n, 6) are from the reference's: relative to its size, and in m."""
-    difference = scaled_norm(np.asarray(dx, np.float64) - np.asarray(reference, np.float64))
-    relative = difference / np.maximum(scaled_norm(reference), 1e-30)
+def dx_figures(dx: NDArray, reference: NDArray, length: float) -> Report:
+    """How far displacements (n, 6) are from the reference's: relative to its size, and in m (rotations by `length`)."""
+    difference = scaled_norm(np.asarray(dx, np.float64) - np.asarray(reference, np.float64), length)
+    relative = difference / np.maximum(scaled_norm(reference, length), 1e-30)
     return {
         "dx_relative_max": _largest(relative),
         "dx_relative_p99": _quantile(relative, 0.99),
@@ -221,8 +222,8 @@ def compare(target: str, results: Results, exact: Exact, names: Callable[[int], 
     if "dx_relative_max" not in verdict.figures:  # not even of as many samples
         return verdict
     accepted = results.status == 0
-    dx = dx_figures(results.outputs["dx_ht"][accepted], exact.onnx["dx_ht"][accepted])
-    float64 = dx_figures(results.outputs["dx_ht"][accepted], exact.float64["dx_ht"][accepted])
+    dx = dx_figures(results.outputs["dx_ht"][accepted], exact.onnx["dx_ht"][accepted], exact.length)
+    float64 = dx_figures(results.outputs["dx_ht"][accepted], exact.float64["dx_ht"][accepted], exact.length)
     own = {f"float64_{key}": float64[key] for key in ("dx_relative_median", "dx_relative_max")}
     figures = dx | {k: v for k, v in verdict.figures.items() if k != "samples"} | own
     return Verdict(figures, verdict.failures, verdict.judged)
@@ -238,26 +239,27 @@ def evaluate_exact(export_dir: Path, model: BinModel, inputs: dict[str, NDArray]
         if not np.isfinite(value).all():
             raise AminnError(f"{file}: {name} is not finite for some samples; the model or the samples are damaged")
     float64 = Reference(model)(inputs)
-    exact = {name: float64[name] for name in OUTPUT_SHAPES}
-    return Exact(onnx, exact, scaled_condition(exact["k_x"]), np.float32(model.meta["tau"]), model.meta["length_scale"])
+    exact = {name: float64[name] for name in OUTPUTS}
+    length = float(model.meta["length_scale"])
+    return Exact(onnx, exact, scaled_condition(exact["k_x"], length), np.float32(model.meta["tau"]), length)
 
 
 def _onnx_figures(exact: Exact) -> Report:
-    figures = dx_figures(exact.onnx["dx_ht"], exact.float64["dx_ht"])
+    figures = dx_figures(exact.onnx["dx_ht"], exact.float64["dx_ht"], exact.length)
     return {
         "onnx_float64_dx_relative_median": figures["dx_relative_median"],
         "onnx_float64_dx_relative_max": figures["dx_relative_max"],
         "onnx_float64_p_stable_abs_max": _largest(np.abs(exact.onnx["p_stable"] - exact.float64["p_stable"])),
         "k_x_condition_median": float(np.median(exact.condition)),
         "k_x_condition_max": _largest(exact.condition),
-        "predicted_stable_share": float((exact.onnx["p_stable"] >= exact.tau).mean()),
+        "predicted_stable_share": float(holds(exact.onnx["p_stable"], exact.tau).mean()),
     }
 
 
 def _as_results(outputs: dict[str, NDArray], tau: float) -> Results:
     """Outputs of anything but the runtime, in the form of its results."""
-    single = {name: np.asarray(outputs[name], np.float32) for name in OUTPUT_SHAPES}
-    decision = (single["p_stable"] >= np.float32(tau)).astype(np.float32)
+    single = {name: np.asarray(outputs[name], np.float32) for name in OUTPUTS}
+    decision = holds(single["p_stable"], tau).astype(np.float32)
     return Results(single, decision, np.zeros(len(decision), np.int32))
 
 
@@ -270,8 +272,8 @@ def check_golden(export_dir: Path, model: BinModel) -> list[str]:
     golden, tau, length = export_dir / GOLDEN_FILE, model.meta["tau"], model.meta["length_scale"]
     if not golden.is_file():
         return []
-    vectors = read_vectors(golden)  # refuses a file whose CRC-32 is wrong
-    inputs = {name: vectors.inputs[name] for name in INPUT_SHAPES}
+    vectors = read_vectors(golden, dims_of(model.tensors))  # refuses a file whose CRC-32 is wrong
+    inputs = {name: vectors.inputs[name] for name in INPUTS}
     sources = {file: run_onnx(single_thread_session(export_dir / file), inputs) for file in (ONNX_FILE, DEBUG_FILE)
                if (export_dir / file).is_file()}  # fmt: skip
     pairs = [(file, _as_results(out, tau), vectors.reference) for file, out in sources.items()]
@@ -379,7 +381,7 @@ def run_verification(
     results: dict[str, Results] = {}
     with tempfile.TemporaryDirectory(prefix="aminn-verify-") as folder:
         vectors = Path(folder) / "vectors.bin"
-        write_vectors(vectors, {name: samples.inputs[name] for name in INPUT_SHAPES}, exact.onnx)
+        write_vectors(vectors, {name: samples.inputs[name] for name in INPUTS}, exact.onnx)
         for target, replay in replays.items():
             out = Path(folder) / f"{target}.bin"
             own_figures = replay(vectors, out)

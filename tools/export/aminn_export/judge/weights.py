@@ -14,6 +14,7 @@ from aminn_base.errors import AminnError
 from ..files.bin_model import BinModel
 from ..files.tables import Exported
 from ..samples.reference import Reference
+from .verdict import holds
 from .verify import dx_figures
 
 LARGEST = float(np.finfo(np.float16).max)
@@ -34,12 +35,12 @@ def float16_model(exported: Exported) -> BinModel:
 def rounding_error(exact: Exported, rounded: Exported, inputs: dict[str, NDArray[np.float32]]) -> dict[str, float]:
     """What the rounding of the weights changes in the float64 outputs, on the given samples."""
     a, b = Reference(exact)(inputs), Reference(rounded)(inputs)
-    tau = float(exact.meta["tau"])
-    figures = dx_figures(b["dx_ht"], a["dx_ht"])
+    figures = dx_figures(b["dx_ht"], a["dx_ht"], float(exact.meta["length_scale"]))
+    decided = [holds(out["p_stable"], exact.meta["tau"]) for out in (a, b)]
     return {
         "dx_relative_median": float(figures["dx_relative_median"]),
         "dx_relative_p99": float(figures["dx_relative_p99"]),
         "dx_relative_max": float(figures["dx_relative_max"]),
         "p_stable_max": float(np.abs(a["p_stable"] - b["p_stable"]).max()),
-        "decisions_different": float(((a["p_stable"] >= tau) != (b["p_stable"] >= tau)).sum()),
+        "decisions_different": float((decided[0] != decided[1]).sum()),
     }

@@ -18,12 +18,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from aminn.hand.dims import INPUT_SHAPES
 from aminn_base.errors import AminnError
 
 from ..files.bin_model import BinModel, model_crc
 from ..files.layout import FORMAT_VERSION
-from ..samples.vectors import N_OUT, pack, write_results
+from ..files.tables import dims_of
+from ..samples.vectors import pack, write_results
 from .serial_line import BAUD_NAME, Line, open_port
 
 __all__ = ["Identity", "ask", "check_identity", "identity_of", "open_port", "replay"]
@@ -36,10 +36,9 @@ TIMEOUT_S = 2.0
 TRIES = 5
 LARGEST_BODY = 512
 _HEADER = struct.Struct("<HHII")
-_PREDICTION = struct.Struct(f"<i{N_OUT + 1}f")
 _IDENTITY = struct.Struct("<56s56s40s16s32s32sIIfi")
-# Protocol 1 had no header: a mark, status and outputs, their CRC-32. It waits for so many bytes behind a mark.
-_FIRST_ANSWER = len(ANSWER) + _PREDICTION.size + 4
+# Protocol 1 had no header: a mark, status and the 47 outputs, their CRC-32. It waits for so many bytes behind a mark.
+_FIRST_ANSWER = len(ANSWER) + 4 + 47 * 4 + 4
 _FIRST_QUESTION = 504
 
 
@@ -189,9 +188,9 @@ class Conversation:
 
 
 def ask(conversation: Conversation, floats: bytes) -> tuple[int, NDArray[np.float32]]:
-    """(status, 46 outputs and the decision) for the 125 floats of one input. Raises AminnError on a bad line."""
+    """(status, outputs and the decision) for the floats of one input. Raises AminnError on a bad line."""
     body = conversation.ask(PREDICT, floats)
-    return int.from_bytes(body[:4], "little", signed=True), np.frombuffer(body, "<f4", N_OUT + 1, 4)
+    return int.from_bytes(body[:4], "little", signed=True), np.frombuffer(body, "<f4", -1, 4)
 
 
 def identity_of(conversation: Conversation) -> Identity:
@@ -234,12 +233,13 @@ def replay(line: Line, model: BinModel, inputs: dict[str, NDArray[np.float32]], 
 
     The board must run `model`: it is asked first.
     """
-    rows = pack(inputs, INPUT_SHAPES, "<f4")
+    hand = dims_of(model.tensors)
+    rows = pack(inputs, hand.inputs, "<f4")
     conversation = Conversation(line)
     check_identity(conversation, model)
     start = line.now()
     answers = [ask(conversation, row.tobytes()) for row in rows]
     spent = line.now() - start
-    values = np.array([a[1] for a in answers], "<f4").reshape(len(rows), N_OUT + 1)
+    values = np.array([a[1] for a in answers], "<f4").reshape(len(rows), hand.output + 1)
     write_results(out, values, np.array([a[0] for a in answers], "<i4"))
     return {"round_trip_s": spent / max(len(rows), 1)}

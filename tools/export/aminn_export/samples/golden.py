@@ -10,9 +10,9 @@ import onnxruntime as ort
 from numpy.typing import NDArray
 
 from aminn.data.dataset import Dataset
-from aminn.hand.dims import INPUT_SHAPES, OUTPUT_SHAPES
 from aminn_base.errors import AminnError
 from aminn_base.read import AnyPath
+from aminn_hand.hand import INPUTS, OUTPUTS
 
 from ..files.bin_model import model_crc
 from ..files.tables import Exported
@@ -69,7 +69,7 @@ def run_onnx(session: ort.InferenceSession, inputs: dict[str, NDArray]) -> dict[
 
 def inputs_of(dataset: Dataset) -> dict[str, NDArray[np.float32]]:
     """Model inputs of a data set, float32 as every runtime gets them."""
-    return {name: np.ascontiguousarray(dataset.samples[name], np.float32) for name in INPUT_SHAPES}
+    return {name: np.ascontiguousarray(dataset.samples[name], np.float32) for name in INPUTS}
 
 
 def spread(stable: NDArray, n: int) -> NDArray[np.int64]:
@@ -92,5 +92,5 @@ def write_golden(
     inputs = inputs_of(dataset.take(spread(dataset.samples["stable"], n)))
     outputs = run_onnx(single_thread_session(onnx_file), inputs)
     exact = Reference(exported)(inputs)
-    write_vectors(path, inputs, outputs, {name: exact[name] for name in OUTPUT_SHAPES}, model_crc(exported))
+    write_vectors(path, inputs, outputs, {name: exact[name] for name in OUTPUTS}, model_crc(exported))
     return len(inputs["q"])

@@ -7,16 +7,17 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aminn.hand.dims import INPUT_SHAPES, OUTPUT_SHAPES
 from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
 from aminn_base.read import AnyPath
+from aminn_hand.hand import INPUTS, MAX_BRANCHES, MAX_COORDINATES, MIN_BRANCHES, Dims
 
 VECTOR_MAGIC = 0x564E4D41  # "AMNV"
 RESULT_MAGIC = 0x4F4E4D41  # "AMNO"
@@ -24,12 +25,39 @@ VERSION = 1
 _HEADER = struct.Struct("<8I")
 
 
-def _size(shapes: dict[str, tuple[int, ...]]) -> int:
-    return sum(int(np.prod(shape)) for shape in shapes.values())
+def _sizes() -> dict[tuple[int, int], Dims]:
+    """Each hand's counts by the numbers of inputs and outputs; no two hands have the same of both."""
+    counts = (
+        Dims(b, c, joints, 0, 0)
+        for b in range(MIN_BRANCHES, MAX_BRANCHES + 1)
+        for c in range(1, MAX_COORDINATES + 1)
+        for joints in range(b + c - 1, b * c + 1)
+    )
+    return {(dims.input, dims.output): dims for dims in counts}
 
 
-N_IN = _size(INPUT_SHAPES)
-N_OUT = _size(OUTPUT_SHAPES)
+_HANDS = _sizes()
+
+
+def described(dims: Dims) -> str:
+    """What messages say of a hand."""
+    return f"{dims.branches} branches, {dims.joints} joints, at most {dims.coordinates} a branch"
+
+
+def dims_of_inputs(inputs: Mapping[str, NDArray]) -> Dims:
+    """The counts of the hand that inputs (arrays by name) are of; tendons and gates unknown, told as 0.
+
+    Raises AminnError where one is missing or of no hand.
+    """
+    missing = [name for name in INPUTS if name not in inputs]
+    if missing:
+        raise AminnError(f"vectors: {', '.join(missing)} is missing")
+    q, contacts, j_q = (np.shape(inputs[name]) for name in ("q", "contacts", "j_q"))
+    if (len(q), len(contacts), len(j_q)) != (2, 3, 4):
+        raise AminnError(
+            f"vectors: q, contacts, j_q have shapes {q}, {contacts}, {j_q}, expected (N,J), (N,B,8), (N,B,3,C)"
+        )
+    return Dims(contacts[1], j_q[3], q[1], 0, 0)
 
 
 @dataclass(frozen=True)
@@ -43,6 +71,11 @@ class Vectors:
     """The same in float64, if the file has them."""
     model: int = 0
     """content_crc of the model that they are of; 0 if the file does not say."""
+
+    @property
+    def dims(self) -> Dims:
+        """Counts of the hand that they are of; tendons and gates unknown."""
+        return dims_of_inputs(self.inputs)
 
 
 @dataclass(frozen=True)
@@ -91,21 +124,22 @@ def write_vectors(
     reference_f64: dict[str, NDArray] | None = None,
     model: int = 0,
 ) -> None:
-    """Write a vector file; names and shapes as in `aminn.hand.dims`, float32 inputs and reference, optional float64.
+    """Write a vector file; names and shapes as in `Dims`, float32 inputs and reference, optional float64.
 
     `model` is the content_crc of the model that the reference is of.
     """
-    x, y = pack(inputs, INPUT_SHAPES, "<f4"), pack(reference, OUTPUT_SHAPES, "<f4")
+    dims = dims_of_inputs(inputs)
+    x, y = pack(inputs, dims.inputs, "<f4"), pack(reference, dims.outputs, "<f4")
     payload = x.tobytes() + y.tobytes()
     if len(x) != len(y):
         raise AminnError(f"vectors: {len(x)} inputs but {len(y)} reference outputs")
     if reference_f64 is not None:
-        z = pack(reference_f64, OUTPUT_SHAPES, "<f8")
+        z = pack(reference_f64, dims.outputs, "<f8")
         if len(z) != len(x):
             raise AminnError(f"vectors: {len(x)} inputs but {len(z)} float64 outputs")
         payload += z.tobytes()
     has_f64 = int(reference_f64 is not None)
-    header = _HEADER.pack(VECTOR_MAGIC, VERSION, len(x), N_IN, N_OUT, has_f64, zlib.crc32(payload), model)
+    header = _HEADER.pack(VECTOR_MAGIC, VERSION, len(x), dims.input, dims.output, has_f64, zlib.crc32(payload), model)
     write_atomically(Path(path), header + payload)
 
 
@@ -115,56 +149,83 @@ def magic_of(path: AnyPath) -> int:
         return int.from_bytes(file.read(4).ljust(4, b"\0"), "little")
 
 
-def _open(path: Path, magic: int, kind: str, n_in: int, n_out: int) -> tuple[bytes, int, bool, int]:
-    """(payload, n, has_f64, model) of a checked file."""
+@dataclass(frozen=True)
+class _Open:
+    """A checked file."""
+
+    payload: bytes
+    n: int
+    n_in: int
+    n_out: int
+    has_f64: bool
+    model: int
+
+
+def _open(path: Path, magic: int, kind: str) -> _Open:
     blob = path.read_bytes()
     if len(blob) < _HEADER.size:
         raise AminnError(f"{path}: truncated: {len(blob)} bytes, a {kind} file has at least {_HEADER.size}")
-    found, version, n, file_in, file_out, has_f64, crc, model = _HEADER.unpack_from(blob)
+    found, version, n, n_in, n_out, has_f64, crc, model = _HEADER.unpack_from(blob)
     payload = blob[_HEADER.size :]
     if found != magic:
         raise AminnError(f"{path}: not a {kind} file (wrong magic)")
     if version != VERSION:
         raise AminnError(f"{path}: version {version}, this program reads {VERSION}; write it again")
-    if (file_in, file_out) != (n_in, n_out):
-        raise AminnError(f"{path}: {file_in} inputs and {file_out} outputs a sample, expected {n_in} and {n_out}")
     if has_f64 > 1 or (has_f64 and magic == RESULT_MAGIC):
         raise AminnError(f"{path}: damaged: has_f64 is {has_f64}")
     if model and magic == RESULT_MAGIC:
         raise AminnError(f"{path}: damaged: the last word of its header is {model}, expected 0")
     if zlib.crc32(payload) != crc:
         raise AminnError(f"{path}: damaged: its CRC-32 does not match")
-    return payload, n, bool(has_f64), model
+    return _Open(payload, n, n_in, n_out, bool(has_f64), model)
 
 
-def read_vectors(path: AnyPath) -> Vectors:
-    """Read a vector file. Raises AminnError on a damaged one, OSError if it cannot be read."""
+def read_vectors(path: AnyPath, hand: Dims | None = None) -> Vectors:
+    """Read a vector file, of `hand` where it is given.
+
+    Raises AminnError on a damaged one and one of another hand, OSError if it cannot be read.
+    """
     path = Path(path)
-    payload, n, has_f64, model = _open(path, VECTOR_MAGIC, "vector", N_IN, N_OUT)
-    if len(payload) != n * (4 * (N_IN + N_OUT) + 8 * N_OUT * has_f64):
-        raise AminnError(f"{path}: {len(payload)} bytes do not fit {n} samples")
-    x = np.frombuffer(payload, "<f4", n * N_IN).reshape(n, N_IN)
-    y = np.frombuffer(payload, "<f4", n * N_OUT, 4 * n * N_IN).reshape(n, N_OUT)
-    z = None
-    if has_f64:
-        z = np.frombuffer(payload, "<f8", n * N_OUT, 4 * n * (N_IN + N_OUT)).reshape(n, N_OUT)
-    exact = None if z is None else unpack(z, OUTPUT_SHAPES)
-    return Vectors(unpack(x, INPUT_SHAPES), unpack(y, OUTPUT_SHAPES), exact, model)
+    file = _open(path, VECTOR_MAGIC, "vector")
+    dims = _HANDS.get((file.n_in, file.n_out))
+    if dims is None:
+        raise AminnError(f"{path}: {file.n_in} inputs and {file.n_out} outputs a sample, which is no hand's")
+    check_hand(dims, hand, path)
+    n, n_in, n_out = file.n, file.n_in, file.n_out
+    if len(file.payload) != n * (4 * (n_in + n_out) + 8 * n_out * file.has_f64):
+        raise AminnError(f"{path}: {len(file.payload)} bytes do not fit {n} samples")
+    x = np.frombuffer(file.payload, "<f4", n * n_in).reshape(n, n_in)
+    y = np.frombuffer(file.payload, "<f4", n * n_out, 4 * n * n_in).reshape(n, n_out)
+    exact = None
+    if file.has_f64:
+        z = np.frombuffer(file.payload, "<f8", n * n_out, 4 * n * (n_in + n_out)).reshape(n, n_out)
+        exact = unpack(z, dims.outputs)
+    return Vectors(unpack(x, dims.inputs), unpack(y, dims.outputs), exact, file.model)
+
+
+def check_hand(found: Dims, hand: Dims | None, path: Path) -> None:
+    """Raises AminnError where what is in `path` is of a hand of other counts than `hand`."""
+    if hand is not None and found.inputs != hand.inputs:
+        raise AminnError(f"{path}: of another hand ({described(found)}) than the model ({described(hand)})")
 
 
 def read_results(path: AnyPath) -> Results:
     """Read what a replay wrote. Raises AminnError on a damaged file, OSError if it cannot be read."""
     path = Path(path)
-    payload, n, _, _ = _open(path, RESULT_MAGIC, "result", 0, N_OUT + 1)
-    if len(payload) != n * 4 * (N_OUT + 2):
-        raise AminnError(f"{path}: {len(payload)} bytes do not fit {n} samples")
-    rows = np.frombuffer(payload, "<f4", n * (N_OUT + 1)).reshape(n, N_OUT + 1)
-    status = np.frombuffer(payload, "<i4", n, 4 * n * (N_OUT + 1))
-    return Results(unpack(rows[:, :N_OUT], OUTPUT_SHAPES), np.ascontiguousarray(rows[:, N_OUT]), status)
+    file = _open(path, RESULT_MAGIC, "result")
+    n, n_out = file.n, file.n_out - 1
+    shapes = next((dims.outputs for dims in _HANDS.values() if dims.output == n_out), None)
+    if file.n_in or shapes is None:
+        raise AminnError(f"{path}: {file.n_in} inputs and {file.n_out} outputs a sample, which is no hand's results")
+    if len(file.payload) != n * 4 * (n_out + 2):
+        raise AminnError(f"{path}: {len(file.payload)} bytes do not fit {n} samples")
+    rows = np.frombuffer(file.payload, "<f4", n * (n_out + 1)).reshape(n, n_out + 1)
+    status = np.frombuffer(file.payload, "<i4", n, 4 * n * (n_out + 1))
+    return Results(unpack(rows[:, :n_out], shapes), np.ascontiguousarray(rows[:, n_out]), status)
 
 
 def write_results(path: AnyPath, rows: NDArray[np.float32], status: NDArray[np.int32]) -> None:
-    """Write a result file: outputs and decision (n, 47), and a status code for each sample (n)."""
+    """Write a result file: outputs and decision (n, outputs + 1), and a status code for each sample (n)."""
     payload = np.ascontiguousarray(rows, "<f4").tobytes() + np.ascontiguousarray(status, "<i4").tobytes()
-    header = _HEADER.pack(RESULT_MAGIC, VERSION, len(rows), 0, N_OUT + 1, 0, zlib.crc32(payload), 0)
+    header = _HEADER.pack(RESULT_MAGIC, VERSION, len(rows), 0, rows.shape[1], 0, zlib.crc32(payload), 0)
     write_atomically(Path(path), header + payload)
