@@ -35,13 +35,13 @@ bool run_stage(aminn_t &ctx, int i, const Scene &scene, const aminn_input_t &in,
     const aminn_model_t &model = *ctx.model;
     run_backbone(model, model.stage[i], in, ctx);
 #if AMINN_LANES
-    Branches springs[kEnd];
+    Branches springs[kEnd * kGroups];
 #else
     Branches *springs = ctx.head;
 #endif
     springs_from_head(model, ctx.head, springs);
     const bool debug = (ctx.flags & AMINN_FLAG_DEBUG) != 0;
-    const unsigned wanted = debug ? kStiffness | kDeflection : i == 0 ? 0u : kStiffness;
+    const unsigned wanted = debug ? kWantStiffness | kWantDeflection : i == 0 ? 0u : kWantStiffness;
     two_pass(model, model.stage[i], scene, in, springs, wanted, ctx.stage[i], summary);
     if (debug) {
         store_springs(springs, ctx.stage[i]);

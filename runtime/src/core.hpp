@@ -25,9 +25,16 @@
 #if (defined(__SSE2__) || (defined(__ARM_NEON) && defined(__aarch64__))) && !defined(AMINN_RT_SCALAR)
 #define AMINN_LANES 1
 #define AMINN_FUNCTION AMINN_INLINE
+// each step has its own code: 15 rows of the reference hand, 21 of the largest
+#if AMINN_N_BRANCH > 3
+#define AMINN_UNROLL_ROWS _Pragma("GCC unroll 24")
+#else
+#define AMINN_UNROLL_ROWS _Pragma("GCC unroll 16")
+#endif
 #else
 #define AMINN_LANES 0
 #define AMINN_FUNCTION [[gnu::noinline]] inline // small rather than fast
+#define AMINN_UNROLL_ROWS
 #endif
 
 // Cortex-M with an FPU has VMLA, which rounds the product and the sum: the bits of two operations in one instruction. The
@@ -40,8 +47,20 @@
 
 namespace aminn {
 constexpr int kBranch = AMINN_N_BRANCH;
+constexpr int kCoord = AMINN_N_COORD;
+constexpr int kBelow = kCoord * (kCoord - 1) / 2; // entries of a branch's Cholesky factor below its diagonal
+constexpr bool kGated = AMINN_N_GATED > 0;
+constexpr bool kSomeLack = kGated && AMINN_N_GATED < kBranch; // a gated tendon: their nominal gain is zero
 constexpr int kMotion = AMINN_N_WRENCH;
 constexpr int kContacts = AMINN_N_JOINT + 2 * AMINN_N_WRENCH; // numbers before them in aminn_state_t: q, x_ht, w_e
+
+// What the kernels take for granted of a hand (aminn_hand.h).
+static_assert(kBranch >= 2 && kBranch <= 5, "a hand has 2 to 5 branches: AMINN_N_BRANCH");
+static_assert(kCoord >= 1 && kCoord <= 5, "a branch has 1 to 5 coordinates: AMINN_N_COORD");
+static_assert(AMINN_N_JOINT >= kCoord + kBranch - 1 && AMINN_N_JOINT <= kBranch * kCoord,
+              "the longest branch has AMINN_N_COORD joints, and every other one to as many: AMINN_N_JOINT");
+static_assert(3 * kBranch + kMotion <= 24 && 3 * 3 + kMotion <= 16, "as many rows as AMINN_UNROLL_ROWS unrolls");
+static_assert(AMINN_N_GATED >= 0 && AMINN_N_GATED <= kBranch, "a branch has one gated tendon at most: AMINN_N_GATED");
 static_assert(offsetof(aminn_state_t, contacts) == kContacts * sizeof(float), "aminn_state_t has no gaps");
 } // namespace aminn
 

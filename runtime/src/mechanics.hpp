@@ -13,6 +13,8 @@
 //   tool       V_b = U_b^-T A_b      c_b / D_b       eps_kx      K_x = U^T D U; y = U^-T w
 //   tendons    [ H | y ]             D^-1            1 / gamma   what the tendons leave of y
 //
+// A branch's contact has a row for each of its coordinates, and columns for the 3 dimensions of space and d.
+//
 // Rows that are weighted, not scaled, keep the digits of B and A. The displacement is x = U^-1 D^-1 y, the strain of the
 // stacked springs V x = Q D^-1 y, from which the deflection of the joints follows without cancellation.
 //
@@ -22,6 +24,9 @@
 //
 // The load that stretches the tendon is felt through m as well: <dq, d> = sqrt(c) m.x. Nothing of the tool is factorised
 // again: with H = U^-T m = sqrt(c) Q_b^T t, K_x = U^T (D + H gamma H^T) U.
+//
+// A hand without tendons has neither d nor H, and no pass 2: its motion is that of pass 1. A branch without one adds nothing
+// to any sum: its d is zero.
 //
 // All on lengths divided by length_scale (S = diag(1, 1, 1, 1/L, 1/L, 1/L)).
 #ifndef AMINN_SRC_MECHANICS_HPP
@@ -47,19 +52,21 @@ struct StaticsSummary {
     float condition;    // trace(K) trace(K^-1), scaled
 };
 
-enum Wanted : unsigned { kStiffness = 1, kDeflection = 2 }; // of k_x and dq0, which nothing else depends on
+enum Wanted : unsigned { kWantStiffness = 1, kWantDeflection = 2 }; // of k_x and dq0, which nothing else depends on
 
 constexpr int kStacked = 3 * kBranch;
+constexpr int kTendons = kGated ? kBranch : 0;
+constexpr int kStiffness = kMotion + kTendons; // rows of the factor U, and m of the tendons
 constexpr float kSlack = 1e30F; // compliance of a tendon that does not engage at all, which nothing can show
 
 // Joints and contact compliance of the branches of a group, in series, seen from the contact.
 struct Contact {
-    ContactRow rows[3 + 3]; // a row for each coordinate: Q, and in column 3 what is left of d; U^-1 below
-    Branches row_weight[3 + 3];
-    Branches lower[3];     // of L: -l10, -l20, -l21
-    Branches t[3];         // sqrt(c) t
-    Branches rest_square;  // rho^2
-    Branches root_contact; // sqrt(c)
+    ContactRow rows[kCoord + 3]; // a row for each coordinate: Q, and in column 3 what is left of d; U^-1 below
+    Branches row_weight[kCoord + 3];
+    Branches lower[kCoord > 1 ? kBelow : 1]; // of L, with the other sign: 10, 20, 21 ..
+    Branches t[3];                           // sqrt(c) t
+    Branches rest_square;                    // rho^2
+    Branches root_contact;                   // sqrt(c)
 };
 
 // The grasp with springs alone, and its tendons.
@@ -67,9 +74,9 @@ struct Grasp {
     Contact contact[kGroups];
     Row rows[kStacked + kMotion];     // V, then Q; U^-1 below
     float weight[kStacked + kMotion]; // of the rows
-    Row stiffness[kMotion + kBranch]; // U; m of the tendons
-    float d[kMotion + kBranch];       // D; gamma
-    float inv_d[kMotion + kBranch];   // D^-1; 1 / gamma
+    Row stiffness[kStiffness];        // U; m of the tendons
+    float d[kStiffness];              // D; gamma
+    float inv_d[kStiffness];          // D^-1; 1 / gamma
 };
 
 // The first columns of rows with an identity as wide below, which this writes: rows becomes Q, and D and U come out.
@@ -93,13 +100,15 @@ AMINN_FUNCTION void orthogonalise(AnyRow *rows, int above, int columns, const Nu
     }
 }
 
-// T^-1 of three rows, T lower triangular with ones on its diagonal; its other entries (10, 20, 21) with the other sign
-template <class AnyRow, class Number>
+// T^-1 of n rows, T lower triangular with ones on its diagonal; its other entries (10, 20, 21 ..) with the other sign
+template <int n, class AnyRow, class Number>
 AMINN_FUNCTION void substitute(AnyRow *rows, const Number *minus_t)
 {
-    add_scaled(rows[1], minus_t[0], rows[0]);
-    add_scaled(rows[2], minus_t[1], rows[0]);
-    add_scaled(rows[2], minus_t[2], rows[1]);
+    for (int r = 1; r < n; ++r) {
+        for (int c = 0; c < r; ++c) {
+            add_scaled(rows[r], minus_t[below(r, c)], rows[c]);
+        }
+    }
 }
 
 // v: the branches' rows of A, which become those of V, with these weights
@@ -107,50 +116,62 @@ AMINN_FUNCTION void factor_contact(const Branches *springs, const aminn_input_t 
                                    Contact &contact, Row *v, float *weight)
 {
     const int b = g * kSideBySide;
+    const int n = in_group(g);
     ContactRow *rows = contact.rows;
-    Branches inv_diag[3];
-    for (int c = 0; c < 3; ++c) {
-        const Branches values[kMotion] = {-gather(&in.j_q[b][0][c], 9), -gather(&in.j_q[b][1][c], 9),
-                                          -gather(&in.j_q[b][2][c], 9), springs[at(kDir + c, g)]};
+    Branches inv_diag[kCoord];
+    for (int c = 0; c < kCoord; ++c) {
+        const Branches values[kMotion] = {
+            -gather(&in.j_q[b][0][c], 3 * kCoord, n), -gather(&in.j_q[b][1][c], 3 * kCoord, n),
+            -gather(&in.j_q[b][2][c], 3 * kCoord, n), kGated ? springs[at(kDir + c, g)] : Branches{}};
         load_row(rows[c], values);
         inv_diag[c] = 1.0F / springs[at(kDiag + c, g)];
         contact.row_weight[c] = inv_diag[c] * inv_diag[c];
-        contact.row_weight[3 + c] = broadcast(eps_m);
     }
     for (int i = 0; i < 3; ++i) {
-        contact.lower[i] = -(springs[at(kOff + i, g)] * inv_diag[i / 2]);
+        contact.row_weight[kCoord + i] = broadcast(eps_m);
     }
-    substitute(rows, contact.lower);
+    for (int r = 1; r < kCoord; ++r) {
+        for (int c = 0; c < r; ++c) {
+            contact.lower[below(r, c)] = -(springs[at(kOff + below(r, c), g)] * inv_diag[c]);
+        }
+    }
+    substitute<kCoord>(rows, contact.lower);
     ContactRow u[3];
     Branches d[3];
     Branches inv_d[3];
-    orthogonalise(rows, 3, 3, contact.row_weight, u, d, inv_d);
-    ContactRow rest;
-    inner_products(rest, rows, 6, contact.row_weight, 3);
-    contact.rest_square = rest[3];
-    const Branches c = gather(in.contacts[b], AMINN_N_CONTACT_FEATURE);
-    contact.root_contact = root(c);
-    float minus_u[kBranch][3];
-    scatter(-u[0][1], &minus_u[0][0], 3);
-    scatter(-u[0][2], &minus_u[0][1], 3);
-    scatter(-u[1][2], &minus_u[0][2], 3);
-    for (int i = 0; i < 3; ++i) {
-        contact.t[i] = contact.root_contact * u[i][3];
-        scatter(c * inv_d[i], weight + i, 3);
+    orthogonalise(rows, kCoord, 3, contact.row_weight, u, d, inv_d);
+    if constexpr (kGated) {
+        ContactRow rest;
+        inner_products(rest, rows, kCoord + 3, contact.row_weight, 3);
+        contact.rest_square = rest[3];
     }
-    for (int k = 0; k < kSideBySide; ++k) {
-        substitute(v + 3 * k, minus_u[k]);
+    const Branches c = gather(in.contacts[b], AMINN_N_CONTACT_FEATURE, n);
+    if constexpr (kGated) {
+        contact.root_contact = root(c);
+    }
+    float minus_u[kSideBySide][3];
+    scatter(-u[0][1], &minus_u[0][0], 3, n);
+    scatter(-u[0][2], &minus_u[0][1], 3, n);
+    scatter(-u[1][2], &minus_u[0][2], 3, n);
+    for (int i = 0; i < 3; ++i) {
+        if constexpr (kGated) {
+            contact.t[i] = contact.root_contact * u[i][3];
+        }
+        scatter(c * inv_d[i], weight + i, 3, n);
+    }
+    for (int k = 0; k < n; ++k) {
+        substitute<3>(v + 3 * k, minus_u[k]);
     }
 }
 
 // to[k] = the 3 rows of branch k of a group, summed with its coefficients
-AMINN_FUNCTION void combine_branches(Row to[], const Row rows[], const Branches coefficient[3])
+AMINN_FUNCTION static void combine_branches(Row to[], const Row rows[], const Branches coefficient[3], int n)
 {
-    float c[3][kBranch];
+    float c[3][kSideBySide];
     for (int i = 0; i < 3; ++i) {
-        scatter(coefficient[i], c[i], 1);
+        scatter(coefficient[i], c[i], 1, n);
     }
-    for (int k = 0; k < kSideBySide; ++k) {
+    for (int k = 0; k < n; ++k) {
         const float own[3] = {c[0][k], c[1][k], c[2][k]};
         combine(to[k], rows + 3 * k, 3, own);
     }
@@ -164,7 +185,9 @@ static void factor_grasp(const Branches *springs, const aminn_input_t &in, const
         const int b = g * kSideBySide;
         Row *v = grasp.rows + 3 * b;
         factor_contact(springs, in, g, stage.eps_m, grasp.contact[g], v, grasp.weight + 3 * b);
-        combine_branches(grasp.stiffness + kMotion + b, v, grasp.contact[g].t);
+        if constexpr (kGated) {
+            combine_branches(grasp.stiffness + kMotion + b, v, grasp.contact[g].t, in_group(g));
+        }
     }
     for (int i = 0; i < kMotion; ++i) {
         grasp.weight[kStacked + i] = (stage.eps_kx * scene.scale[i]) * scene.scale[i];
@@ -184,32 +207,34 @@ AMINN_FUNCTION void displacement(const Grasp &grasp, const Row &z, const float t
 
 // dq0 of the branches of a group, from their rows of Q
 [[gnu::noinline]] static void deflection(const Contact &contact, const Row q[], const float *weight, const Row &z,
-                                         float *dq)
+                                         int n, float *dq)
 {
     Branches share[3];
-    Branches result[3];
+    Branches result[kCoord];
     for (int i = 0; i < 3; ++i) {
         float strain[kSideBySide];
-        for (int k = 0; k < kSideBySide; ++k) {
+        for (int k = 0; k < n; ++k) {
             strain[k] = dot(q[3 * k + i], z);
         }
-        share[i] = gather(weight + i, 3) * gather(strain, 1);
+        share[i] = gather(weight + i, 3, n) * gather(strain, 1, n);
     }
-    for (int c = 0; c < 3; ++c) {
-        result[c] = contact.row_weight[c] * dot(contact.rows[c].v, share);
-    }
-    result[1] = result[1] + contact.lower[2] * result[2];
-    result[0] = (result[0] + contact.lower[0] * result[1]) + contact.lower[1] * result[2];
-    for (int c = 0; c < 3; ++c) {
-        scatter(result[c], dq + c, 3);
+    for (int c = kCoord - 1; c >= 0; --c) {
+        result[c] = contact.row_weight[c] * dot_of<3>(contact.rows[c].v, share);
+        for (int r = c + 1; r < kCoord; ++r) {
+            result[c] = result[c] + contact.lower[below(r, c)] * result[r];
+        }
+        scatter(result[c], dq + c, kCoord, n);
     }
 }
 
-// dq0 of a branch as the paper writes it, from the regularised inverse of j_q, and how far it stretches the tendon
+// dq0 of a branch as the paper writes it, from the regularised inverse of j_q, and how far it stretches the tendon. Only a
+// square j_q has an inverse.
+template <int kColumns>
 [[gnu::noinline]] static float stretch_by_inverse(const aminn_model_t &model, const aminn_input_t &in, const Row a[3],
                                                   const float *x_s, float eps_jq, const Branches *springs, int b,
                                                   float dq[3])
 {
+    static_assert(kColumns == 3, "a column for each dimension of space");
     Row rows[3 + 3]; // j_q and the motion of the contact; minus the solution falls out below the latter
     Row u[3];
     Row x;
@@ -221,11 +246,13 @@ AMINN_FUNCTION void displacement(const Grasp &grasp, const Row &z, const float t
         load_row(rows[i], values);
         set_component(rows[i], i, j[i] + eps_jq);
     }
-    orthogonalise(rows, 3, 3, kOnesAndZeros + 3, u, unused[0], unused[1]);
+    orthogonalise(rows, 3, 3, kThreeOnes, u, unused[0], unused[1]);
     float stretch = 0.0F;
     for (int c = 0; c < 3; ++c) {
         dq[c] = (model.coord_mask[3 * b + c] * in.contacts[b][0]) * rows[3 + c][3];
-        stretch = add_product(stretch, dq[c], of_branch(springs, kDir + c, b));
+        if constexpr (kGated) {
+            stretch = add_product(stretch, dq[c], of_branch(springs, kDir + c, b));
+        }
     }
     return stretch;
 }
@@ -235,7 +262,7 @@ static void store_stiffness(const Grasp &grasp, const float inv_scale[kMotion], 
 {
     Row to_si;
     load_row(to_si, inv_scale);
-    const WeightedRows<kMotion + kBranch> weighted(grasp.stiffness, grasp.d);
+    const WeightedRows<kStiffness> weighted(grasp.stiffness, grasp.d);
     for (int i = 0; i < kMotion; ++i) {
         Row row;
         weighted.products_of(i, row);
@@ -267,6 +294,26 @@ static void make_scene(const aminn_model_t &model, const aminn_input_t &in, Scen
     }
 }
 
+// The gates of a group, and how stiff its tendons are with them.
+AMINN_INLINE void engage(const Branches *springs, int g, Branches eta, Branches rest_square, Grasp &grasp, float *gate)
+{
+    const int place = kMotion + g * kSideBySide;
+    const int n = in_group(g);
+    // a sigmoid, of whose inverse the tendon's compliance is made
+    const Branches inv_gate =
+        1.0F + exponential(springs[at(kAlpha, g)] * (springs[at(kBeta, g)] - eta) - springs[at(kRho, g)]);
+    Branches gain = springs[at(kGain, g)];
+    Branches engaged = 1.0F / inv_gate;
+    if constexpr (kSomeLack) {
+        engaged = where_not_zero(gain, engaged);
+        gain = gain != 0.0F ? gain : broadcast(1.0F); // of no direction
+    }
+    scatter(engaged, gate, 1, n);
+    const Branches inv_gamma = least(broadcast(kSlack), inv_gate / gain + rest_square);
+    scatter(inv_gamma, grasp.inv_d + place, 1, n);
+    scatter(1.0F / inv_gamma, grasp.d + place, 1, n);
+}
+
 // Both passes, into what out has behind the springs.
 static void two_pass(const aminn_model_t &model, const aminn_stage_model_t &stage, const Scene &scene,
                      const aminn_input_t &in, const Branches *springs, unsigned wanted, aminn_stage_debug_t &out,
@@ -284,67 +331,70 @@ static void two_pass(const aminn_model_t &model, const aminn_stage_model_t &stag
     multiply(z, inv_d);
 
     // how far each tendon would be stretched decides how much it engages
-    const bool by_inverse = model.dq0 == AMINN_DQ0_INVERSE;
-    const bool deflections = by_inverse || (wanted & kDeflection) != 0;
+    const bool by_inverse = kCoord == 3 && model.dq0 == AMINN_DQ0_INVERSE;
+    const bool deflections = by_inverse || (wanted & kWantDeflection) != 0;
     if (deflections) {
         displacement(grasp, z, scene.scale, summary.x_s, out.dx0);
     }
     Row h[kBranch];
     for (int g = 0; g < kGroups; ++g) {
         const int b = g * kSideBySide;
+        const int n = in_group(g);
         const Contact &contact = grasp.contact[g];
         float stretch[kSideBySide];
-        combine_branches(h + b, grasp.rows + 3 * b, contact.t);
-        dots(h + b, kSideBySide, z, stretch);
-        Branches eta = contact.root_contact * gather(stretch, 1);
-        if (by_inverse) {
-            for (int k = 0; k < kSideBySide; ++k) {
-                const Row *a = scene.a_s + 3 * (b + k);
-                stretch[k] =
-                    stretch_by_inverse(model, in, a, summary.x_s, stage.eps_jq, springs, b + k, out.dq0[b + k]);
-            }
-            eta = gather(stretch, 1);
-        } else if (deflections) {
-            deflection(contact, grasp.rows + 3 * b, grasp.weight + 3 * b, z, out.dq0[b]);
+        Branches eta;
+        if constexpr (kGated) {
+            combine_branches(h + b, grasp.rows + 3 * b, contact.t, n);
+            dots(h + b, n, z, stretch);
+            eta = contact.root_contact * gather(stretch, 1, n);
         }
-        // a sigmoid, of whose inverse the tendon's compliance is made
-        const Branches inv_gate =
-            1.0F + exponential(springs[at(kAlpha, g)] * (springs[at(kBeta, g)] - eta) - springs[at(kRho, g)]);
-        scatter(1.0F / inv_gate, out.gate + b, 1);
-        const Branches inv_s = inv_gate / springs[at(kGain, g)];
-        const Branches inv_gamma = least(broadcast(kSlack), inv_s + contact.rest_square);
-        scatter(inv_gamma, grasp.inv_d + kMotion + b, 1);
-        scatter(1.0F / inv_gamma, grasp.d + kMotion + b, 1);
+        if (by_inverse) {
+            if constexpr (kCoord == 3) {
+                for (int k = 0; k < n; ++k) {
+                    stretch[k] = stretch_by_inverse<kCoord>(model, in, scene.a_s + 3 * (b + k), summary.x_s,
+                                                            stage.eps_jq, springs, b + k, out.dq0[b + k]);
+                }
+                eta = gather(stretch, 1, n);
+            }
+        } else if (deflections) {
+            deflection(contact, grasp.rows + 3 * b, grasp.weight + 3 * b, z, n, out.dq0[b]);
+        }
+        if constexpr (kGated) {
+            engage(springs, g, eta, contact.rest_square, grasp, out.gate + b);
+        }
     }
 
     // pass 2: the tendons' share of the load
-#if AMINN_LANES
-    TendonRow rows[kMotion + kBranch];
-    TendonRow u[kBranch];
+    if constexpr (kGated) {
+#if AMINN_LANES || AMINN_N_BRANCH < 3
+        TendonRow rows[kMotion + kBranch];
+        TendonRow u[kBranch];
 #else
-    TendonRow *rows = grasp.rows; // Q has done its work
-    TendonRow *u = h;
+        static_assert(kMotion + kBranch <= kStacked, "there is room for the tendons' rows before U^-1");
+        TendonRow *rows = grasp.rows; // Q has done its work
+        TendonRow *u = h;
 #endif
-    float unused[2][kBranch];
-    transpose(h[0], h[1], h[2], y, rows);
-    orthogonalise(rows, kMotion, kBranch, grasp.inv_d, u, unused[0], unused[1]);
-    float left[kMotion];
-    AMINN_UNROLL_ROWS
-    for (int i = 0; i < kMotion; ++i) {
-        left[i] = rows[i][kBranch];
+        float unused[2][kBranch];
+        transpose(h, y, rows);
+        orthogonalise(rows, kMotion, kBranch, grasp.inv_d, u, unused[0], unused[1]);
+        float left[kMotion];
+        AMINN_UNROLL_ROWS
+        for (int i = 0; i < kMotion; ++i) {
+            left[i] = rows[i][kBranch];
+        }
+        load_row(z, left);
+        multiply(z, inv_d);
     }
-    load_row(z, left);
-    multiply(z, inv_d);
     displacement(grasp, z, scene.scale, summary.x_s, out.dx);
 
-    if ((wanted & kStiffness) != 0) {
+    if ((wanted & kWantStiffness) != 0) {
         store_stiffness(grasp, scene.inv_scale, out.k_x);
     }
     Row ones;
     Row inverse_square;
-    load_row(ones, kOnesAndZeros);
-    sum_of_squares(summary.diag_k_s, grasp.stiffness, kMotion + kBranch, grasp.d);
-    sum_of_squares(inverse_square, inverse, kMotion, kOnesAndZeros);
+    load_row(ones, kOnes);
+    sum_of_squares(summary.diag_k_s, grasp.stiffness, kStiffness, grasp.d);
+    sum_of_squares(inverse_square, inverse, kMotion, kOnes);
     summary.condition = dot(summary.diag_k_s, ones) * dot(inverse_square, inv_d);
 }
 

@@ -17,19 +17,28 @@ bool dims_ok(const aminn_model_t &m)
            width_ok(m.contact_width) && width_ok(m.width) && width_ok(m.classifier_width);
 }
 
-bool positive(const float *v, int n)
+bool at_least(uint32_t least_bits, const float *v, int n)
 {
     bool ok = true;
     for (int i = 0; i < n; ++i) {
-        ok = ok && within(v[i], kSmallestBits, kLargestBits);
+        ok = ok && within(v[i], least_bits, kLargestBits);
     }
     return ok;
 }
 
+bool positive(const float *v, int n)
+{
+    return at_least(kSmallestBits, v, n);
+}
+
+// The paper's way to the joints' deflection inverts j_q, which must be square.
+constexpr uint32_t kLastDq0 = kCoord == 3 ? AMINN_DQ0_INVERSE : AMINN_DQ0_STATICS;
+static_assert(AMINN_DQ0_STATICS == 0 && AMINN_DQ0_INVERSE == 1, "the ways are counted from 0");
+
 bool constants_ok(const aminn_model_t &m)
 {
     bool ok = m.name != nullptr && m.hand != nullptr && m.made_by != nullptr &&
-              m.weight_type <= AMINN_WEIGHTS_FLOAT16 && (m.dq0 == AMINN_DQ0_STATICS || m.dq0 == AMINN_DQ0_INVERSE) &&
+              m.weight_type <= AMINN_WEIGHTS_FLOAT16 && m.dq0 <= kLastDq0 &&
               within(m.length_scale, kSmallestBits, kLargestBits) &&
               within(m.displacement_log_scale, kSmallestBits, kLargestBits) && within(m.log_range, 0, kLargestBits) &&
               within(m.tau, 0, kOneBits);
@@ -70,9 +79,12 @@ bool tables_finite(const aminn_model_t &m)
 // finite everywhere is checked before; here the tables that have a sign
 bool tables_in_range(const aminn_model_t &m)
 {
-    bool ok = positive(m.wrench_log_scale, AMINN_N_WRENCH) && positive(m.tendon_gain_nom, kBranch);
+    bool ok = positive(m.wrench_log_scale, AMINN_N_WRENCH);
+    if constexpr (kGated) { // zero: the branch has no gated tendon
+        ok = ok && at_least(kSomeLack ? 0 : kSmallestBits, m.tendon_gain_nom, kBranch);
+    }
     for (int b = 0; b < kBranch; ++b) {
-        ok = ok && positive(m.chol_nom + 6 * b, 3);
+        ok = ok && positive(m.chol_nom + AMINN_N_CHOLESKY * b, kCoord);
     }
     for (int i = 0; i < kBranch * AMINN_N_COORD; ++i) { // 0 or 1
         ok = ok && m.coord_mask[i] * m.coord_mask[i] == m.coord_mask[i];

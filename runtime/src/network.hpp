@@ -9,6 +9,8 @@ namespace aminn {
 inline namespace AMINN_CORE {
 
 constexpr int kBranchFeature = AMINN_N_BRANCH_FEATURE;
+static_assert(AMINN_N_GLOBAL_INPUT <= AMINN_N_CONTACT_INPUT,
+              "behind the contact summary there is room for the global input");
 
 // out = (v - mean) * inv_std
 static void normalise(const float *v, const float *mean, const float *inv_std, int n, float *out)
@@ -78,7 +80,9 @@ static float classify(const aminn_model_t &model, const StaticsSummary &summary,
         aux[i] = summary.x_s[i] * log_by_size;
         aux[AMINN_N_WRENCH + i] = logarithm(summary.diag_k_s[i]);
     }
-    std::memcpy(aux + 2 * AMINN_N_WRENCH, gate, kBranch * sizeof *gate);
+    if constexpr (kGated) {
+        std::memcpy(aux + 2 * AMINN_N_WRENCH, gate, kBranch * sizeof *gate);
+    }
     float *in = ctx.feature + h;
     normalise(aux, model.aux_mean, model.aux_inv_std, AMINN_N_AUX, in);
     const float fade = model.length_scale * inv_size;

@@ -1,4 +1,4 @@
-// The mechanics head: 39 raw numbers become corrections to the nominal springs, tendons and gates.
+// The mechanics head: raw numbers become corrections to the nominal springs, tendons and gates.
 #ifndef AMINN_SRC_SPRINGS_HPP
 #define AMINN_SRC_SPRINGS_HPP
 
@@ -7,21 +7,27 @@
 namespace aminn {
 inline namespace AMINN_CORE {
 
-// The head's outputs, in this order, each for the three branches. What tanh bounds stands first, what exp of that makes
-// a factor before the rest of it: so both run over whole arrays.
+// The head's outputs, in this order, each for all branches. What tanh bounds stands first, what exp of that makes a factor
+// before the rest of it: so both run over whole arrays. A hand without gates has the Cholesky factor alone.
 enum Head {
-    kDiag = 0,  // 3: the Cholesky factor's diagonal
-    kGain = 3,  // the tendon's
-    kAlpha = 4, // the gate's
-    kFactors = 5,
-    kOff = 5, // 3: entries 10, 20, 21
-    kBounded = 8,
-    kDir = 8, // 3: direction of the tendon
-    kBeta = 11,
-    kRho = 12,
-    kEnd = 13
+    kDiag = 0,      // C: the Cholesky factor's diagonal
+    kGain = kCoord, // the tendon's
+    kAlpha,         // the gate's
+    kFactors = kGated ? kAlpha + 1 : kCoord,
+    kOff = kFactors, // below the diagonal, row by row: 10, 20, 21, 30 ..
+    kBounded = kOff + kBelow,
+    kDir = kBounded, // C: direction of the tendon
+    kBeta = kDir + kCoord,
+    kRho,
+    kEnd = kGated ? kRho + 1 : kBounded
 };
-static_assert(kEnd * kBranch == AMINN_N_HEAD, "head layout");
+static_assert(kEnd == AMINN_N_BRANCH_HEAD && kEnd * kBranch == AMINN_N_HEAD, "head layout");
+
+// Place of an entry of the Cholesky factor among those below its diagonal.
+constexpr int below(int row, int column)
+{
+    return row * (row - 1) / 2 + column;
+}
 
 // What becomes of the head's outputs, the "springs" of a stage: in the same order, and of the joint springs K = L L^T the
 // entries of L up to its diagonal. Without vector registers they take the place of the head's numbers. With them they are
@@ -33,7 +39,7 @@ constexpr int at(int output, int group)
 AMINN_INLINE float of_branch(const Branches *springs, int output, int b)
 {
 #if AMINN_LANES
-    return springs[output][b];
+    return springs[at(output, b / kSideBySide)][b % kSideBySide];
 #else
     return springs[at(output, b)];
 #endif
@@ -41,7 +47,7 @@ AMINN_INLINE float of_branch(const Branches *springs, int output, int b)
 
 // With vector registers a whole number of them is computed at once; what is beyond the factors is not used.
 constexpr int kComputed = AMINN_LANES ? (kFactors * kBranch + 7) / 8 * 8 : kFactors * kBranch;
-static_assert(kComputed <= kBounded * kBranch, "they are all bounded");
+static_assert(kComputed <= AMINN_N_HEAD_STORED, "there are so many numbers");
 
 // head is overwritten, and may be springs.
 static void springs_from_head(const aminn_model_t &model, float *head, Branches *springs)
@@ -55,35 +61,48 @@ static void springs_from_head(const aminn_model_t &model, float *head, Branches 
     }
     for (int g = 0; g < kGroups; ++g) {
         const int b = g * kSideBySide;
-        const auto raw = [&](int output) { return gather(head + output * kBranch + b, 1); };
+        const int n = in_group(g);
+        const auto raw = [&](int output) { return gather(head + output * kBranch + b, 1, n); };
         // cppcheck-suppress uninitvar ; the loop above fills all of it
-        const auto scaling = [&](int output) { return gather(factor + output * kBranch + b, 1); };
-        Branches nominal[6];
-        Branches mask[3];
-        for (int i = 0; i < 6; ++i) {
-            nominal[i] = gather(model.chol_nom + 6 * b + i, 6);
+        const auto scaling = [&](int output) { return gather(factor + output * kBranch + b, 1, n); };
+        const float *chol = model.chol_nom + AMINN_N_CHOLESKY * b;
+        Branches nominal[kCoord];
+        Branches mask[kCoord];
+        Branches direction[kCoord];
+        for (int c = 0; c < kCoord; ++c) {
+            nominal[c] = gather(chol + c, AMINN_N_CHOLESKY, n);
+            mask[c] = gather(model.coord_mask + kCoord * b + c, kCoord, n);
+            springs[at(kDiag + c, g)] = mask[c] != 0.0F ? nominal[c] * scaling(kDiag + c) : nominal[c];
+            if constexpr (kGated) {
+                direction[c] = (gather(model.tendon_dir_nom + kCoord * b + c, kCoord, n) + raw(kDir + c)) * mask[c];
+            }
         }
-        for (int i = 0; i < 3; ++i) {
-            mask[i] = gather(model.coord_mask + 3 * b + i, 3);
-        }
-        Branches v[3];
-        for (int i = 0; i < 3; ++i) {
-            springs[at(kDiag + i, g)] = mask[i] != 0.0F ? nominal[i] * scaling(kDiag + i) : nominal[i];
-            const int row = i == 0 ? 1 : 2; // of the i-th entry below the diagonal
-            const int column = i / 2;
+        int row = 1;
+        int column = 0;
+        for (int i = 0; i < kBelow; ++i) {
             const Branches size = root(nominal[row] * nominal[column]);
-            springs[at(kOff + i, g)] = (nominal[3 + i] + size * raw(kOff + i)) * (mask[row] * mask[column]);
-            v[i] = (gather(model.tendon_dir_nom + 3 * b + i, 3) + raw(kDir + i)) * mask[i];
+            const Branches entry = gather(chol + kCoord + i, AMINN_N_CHOLESKY, n);
+            springs[at(kOff + i, g)] = (entry + size * raw(kOff + i)) * (mask[row] * mask[column]);
+            if (++column == row) {
+                column = 0;
+                ++row;
+            }
         }
-        const Branches inv_norm = 1.0F / root(dot(v, v) + 1e-12F);
-        for (int i = 0; i < 3; ++i) {
-            springs[at(kDir + i, g)] = v[i] * inv_norm;
+        if constexpr (kGated) {
+            const Branches gain = gather(model.tendon_gain_nom + b, 1, n);
+            Branches inv_norm = 1.0F / root(dot_of<kCoord>(direction, direction) + 1e-12F);
+            if constexpr (kSomeLack) { // then the branch adds nothing at all
+                inv_norm = where_not_zero(gain, inv_norm);
+            }
+            for (int c = 0; c < kCoord; ++c) {
+                springs[at(kDir + c, g)] = direction[c] * inv_norm;
+            }
+            const float *gate = model.gate_nom;
+            springs[at(kGain, g)] = gain * scaling(kGain);
+            springs[at(kAlpha, g)] = gate[0] * scaling(kAlpha);
+            springs[at(kBeta, g)] = gate[1] * raw(kBeta);
+            springs[at(kRho, g)] = gate[2] + raw(kRho);
         }
-        const float *gate = model.gate_nom;
-        springs[at(kGain, g)] = gather(model.tendon_gain_nom + b, 1) * scaling(kGain);
-        springs[at(kAlpha, g)] = gate[0] * scaling(kAlpha);
-        springs[at(kBeta, g)] = gate[1] * raw(kBeta);
-        springs[at(kRho, g)] = gate[2] + raw(kRho);
     }
 }
 
@@ -108,33 +127,43 @@ constexpr Place in_gate(int i)
 {
     return place(offsetof(aminn_stage_debug_t, gate_params), i, 3);
 }
-constexpr Place kPlaces[kEnd] = {
-    in_spring(0, 0), // kDiag
-    in_spring(1, 1), // 1
-    in_spring(2, 2), // 2
-    place(offsetof(aminn_stage_debug_t, tendon_gain), 0, 1),
-    in_gate(0),      // kAlpha
-    in_spring(1, 0), // kOff
-    in_spring(2, 0), // 1
-    in_spring(2, 1), // 2
-    in_dir(0),       // kDir
-    in_dir(1),       // 1
-    in_dir(2),       // 2
-    in_gate(1),      // kBeta
-    in_gate(2),      // kRho
+struct Places {
+    Place of[kEnd];
 };
+constexpr Places all_places()
+{
+    Places places{};
+    for (int r = 0; r < kCoord; ++r) {
+        places.of[kDiag + r] = in_spring(r, r);
+        for (int c = 0; c < r; ++c) {
+            places.of[kOff + below(r, c)] = in_spring(r, c);
+        }
+        if constexpr (kGated) {
+            places.of[kDir + r] = in_dir(r);
+        }
+    }
+    if constexpr (kGated) {
+        places.of[kGain] = place(offsetof(aminn_stage_debug_t, tendon_gain), 0, 1);
+        places.of[kAlpha] = in_gate(0);
+        places.of[kBeta] = in_gate(1);
+        places.of[kRho] = in_gate(2);
+    }
+    return places;
+}
+static_assert(offsetof(aminn_stage_debug_t, dx0) <= UINT8_MAX * sizeof(float), "a place is a byte");
 
 // The first fields of out.
 static void store_springs(const Branches *springs, aminn_stage_debug_t &out)
 {
+    static constexpr Places kPlaces = all_places();
     float *first = reinterpret_cast<float *>(&out);
     for (int output = 0; output < kEnd; ++output) {
         for (int b = 0; b < kBranch; ++b) {
-            first[kPlaces[output].first + b * kPlaces[output].stride] = of_branch(springs, output, b);
+            first[kPlaces.of[output].first + b * kPlaces.of[output].stride] = of_branch(springs, output, b);
         }
     }
     for (auto &k : out.k_spring) { // K in the place of L, from the end: an entry needs nothing of L behind it
-        for (int i = 2; i >= 0; --i) {
+        for (int i = kCoord - 1; i >= 0; --i) {
             for (int j = i; j >= 0; --j) {
                 float sum = 0.0F;
                 for (int m = 0; m <= j; ++m) {

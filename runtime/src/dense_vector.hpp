@@ -1,0 +1,168 @@
+// Layers in vector registers.
+#ifndef AMINN_SRC_DENSE_VECTOR_HPP
+#define AMINN_SRC_DENSE_VECTOR_HPP
+
+#include <type_traits>
+
+#include "weights.hpp"
+
+namespace aminn {
+inline namespace AMINN_CORE {
+
+#if defined(__AVX__)
+using Register = float __attribute__((vector_size(32)));
+#else
+using Register = float __attribute__((vector_size(16)));
+#endif
+#if defined(__AVX512F__) // a cache line: for rows of whole lines only, others begin within one
+using LineRegister = float __attribute__((vector_size(64)));
+#else
+using LineRegister = Register;
+#endif
+template <class AnyRegister>
+constexpr int kLanes = sizeof(AnyRegister) / sizeof(float);
+constexpr int kRegisters = 5; // of outputs at most: with two sums each, and one for a weight, they fit 16
+
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Warray-bounds" // of pointers that are null, which gcc's sanitizers look for
+template <class AnyRegister>
+AMINN_INLINE void load(const float *w, AnyRegister &r)
+{
+    std::memcpy(&r, w, sizeof r);
+}
+#pragma GCC diagnostic pop
+
+template <class AnyRegister>
+AMINN_INLINE void load(const uint16_t *w, AnyRegister &r)
+{
+    float values[kLanes<AnyRegister>];
+    for (int k = 0; k < kLanes<AnyRegister>; ++k) {
+        values[k] = value_of(w[k]);
+    }
+    std::memcpy(&r, values, sizeof r);
+}
+
+// kCount registers of outputs, side by side but for the last, which begins at `last`
+template <class AnyRegister, int kCount, class Weight>
+AMINN_INLINE void dense_block(const Weight *w, int step, const float *b, const float *x, int n_in, int last,
+                              float floor, float *y)
+{
+    const auto place = [last](int k) { return k < kCount - 1 ? k * kLanes<AnyRegister> : last; };
+    AnyRegister even[kCount];
+    AnyRegister odd[kCount];
+    AMINN_UNROLL_ROWS
+    for (int k = 0; k < kCount; ++k) {
+        AnyRegister r;
+        load(b + place(k), r);
+        even[k] = r;
+        odd[k] = -AnyRegister{};
+    }
+    int i = 0;
+    const auto add = [&](AnyRegister(&sums)[kCount], const Weight *row, float factor) {
+        AMINN_UNROLL_ROWS
+        for (int k = 0; k < kCount; ++k) {
+            AnyRegister r;
+            load(row + place(k), r);
+            sums[k] = sums[k] + r * factor;
+        }
+    };
+    for (; i + 2 <= n_in; i += 2) {
+        add(even, w, x[i]);
+        add(odd, w + step, x[i + 1]);
+        w += 2 * step;
+    }
+    if (i < n_in) {
+        add(even, w, x[i]);
+    }
+    AMINN_UNROLL_ROWS
+    for (int k = 0; k < kCount; ++k) {
+        even[k] = even[k] + odd[k];
+        even[k] = even[k] < floor ? AnyRegister{} : even[k];
+        std::memcpy(y + place(k), &even[k], sizeof even[k]);
+    }
+}
+
+template <class AnyRegister, class Weight>
+[[gnu::noinline]] void dense_of(const Weight *w, const float *b, const float *x, int n_in, int n_out, float floor,
+                                float *y)
+{
+    constexpr int kWidth = kLanes<AnyRegister>;
+    int at = 0;
+    for (; n_out - at > kRegisters * kWidth; at += 4 * kWidth) { // a register or more is left
+        dense_block<AnyRegister, 4>(w + at, n_out, b + at, x, n_in, 3 * kWidth, floor, y + at);
+    }
+    const int last = n_out - at - kWidth; // of the rest; the last register may share outputs with the one before it
+    const auto rest = [&](auto count) {
+        dense_block<AnyRegister, count>(w + at, n_out, b + at, x, n_in, last, floor, y + at);
+    };
+    switch ((last + kWidth - 1) / kWidth) {
+    case 0:
+        rest(std::integral_constant<int, 1>());
+        break;
+    case 1:
+        rest(std::integral_constant<int, 2>());
+        break;
+    case 2:
+        rest(std::integral_constant<int, 3>());
+        break;
+    case 3:
+        rest(std::integral_constant<int, 4>());
+        break;
+    default:
+        rest(std::integral_constant<int, kRegisters>());
+        break;
+    }
+}
+
+AMINN_INLINE float value_of(float w)
+{
+    return w;
+}
+
+// outputs that do not fill a register
+template <class Weight>
+[[gnu::noinline]] void dense_by_numbers(const Weight *w, const float *b, const float *x, int n_in, int n_out,
+                                        float floor, float *y)
+{
+    for (int at = 0; at < n_out; ++at) {
+        float even = b[at];
+        float odd = -0.0F;
+        int i = 0;
+        for (; i + 2 <= n_in; i += 2) {
+            even = even + value_of(w[i * n_out + at]) * x[i];
+            odd = odd + value_of(w[(i + 1) * n_out + at]) * x[i + 1];
+        }
+        if (i < n_in) {
+            even = even + value_of(w[i * n_out + at]) * x[i];
+        }
+        const float sum = even + odd;
+        y[at] = sum < floor ? 0.0F : sum;
+    }
+}
+
+template <class Weight>
+AMINN_INLINE void dense(const Weight *w, const float *b, const float *x, int n_in, int n_out, float floor, float *y)
+{
+    if (n_out % kLanes<LineRegister> == 0) {
+        dense_of<LineRegister>(w, b, x, n_in, n_out, floor, y);
+    } else if (n_out >= kLanes<Register>) {
+        dense_of<Register>(w, b, x, n_in, n_out, floor, y);
+    } else {
+        dense_by_numbers(w, b, x, n_in, n_out, floor, y);
+    }
+}
+
+inline void dense(const void *w, uint32_t weight_type, const float *b, const float *x, int n_in, int n_out, float floor,
+                  float *y)
+{
+    if (weight_type == AMINN_WEIGHTS_FLOAT16) {
+        dense(static_cast<const uint16_t *>(w), b, x, n_in, n_out, floor, y);
+    } else {
+        dense(static_cast<const float *>(w), b, x, n_in, n_out, floor, y);
+    }
+}
+
+} // namespace AMINN_CORE
+} // namespace aminn
+
+#endif

@@ -1,0 +1,85 @@
+// Lanes of a machine without vector registers: Branches are one branch, whose code runs for one after the other.
+#ifndef AMINN_SRC_LANES_SCALAR_HPP
+#define AMINN_SRC_LANES_SCALAR_HPP
+
+#if AMINN_CORTEX_M
+#include "rows_cortex_m.hpp"
+#else
+#include "rows_plain.hpp"
+#endif
+
+namespace aminn {
+inline namespace AMINN_CORE {
+
+using TendonRow = Row;
+using ContactRow = Row;
+using Branches = float;
+constexpr int kSideBySide = 1;
+static_assert(kBranch + 1 <= kMotion, "a row holds a number of each tendon, and one more");
+static_assert(3 + 1 <= kMotion, "a row holds the three dimensions of a contact, and one more");
+
+AMINN_INLINE Branches broadcast(float x)
+{
+    return x;
+}
+AMINN_INLINE Branches gather(const float *p, int, int)
+{
+    return *p;
+}
+AMINN_INLINE void scatter(Branches x, float *p, int, int)
+{
+    *p = x;
+}
+// the sum of so many products
+template <int kCount>
+AMINN_INLINE Branches dot_of(const Branches *a, const Branches *b)
+{
+    if constexpr (kCount == 3) { // once for all
+        return dot3(a, b);
+    } else {
+        Branches sum = a[0] * b[0];
+        for (int i = 1; i < kCount; ++i) {
+            sum = add_product(sum, a[i], b[i]);
+        }
+        return sum;
+    }
+}
+
+// Rows whose columns' inner products are asked for one after the other.
+template <int kCount>
+class WeightedRows {
+  public:
+    WeightedRows(const Row *rows, const float *weight) : weight_(weight), rows_(rows)
+    {
+    }
+    AMINN_INLINE void products_of(int j, Row &to) const
+    {
+        inner_products(to, rows_, kCount, weight_, j);
+    }
+
+  private:
+    const float *weight_;
+    const Row *rows_;
+};
+
+// to[i] = component i of each branch's row, then of the last row
+AMINN_INLINE void transpose(const Row branches[kBranch], const Row &last, TendonRow to[kMotion])
+{
+    for (int i = 0; i < kMotion; ++i) {
+        to[i] = {{in_column<0>(branches, last, i), in_column<1>(branches, last, i), in_column<2>(branches, last, i),
+                  in_column<3>(branches, last, i), in_column<4>(branches, last, i), in_column<5>(branches, last, i)}};
+    }
+}
+
+// out[r] = the sum of the products of the components of each of the rows and z
+AMINN_INLINE void dots(const Row *rows, int n, const Row &z, float *out)
+{
+    for (int r = 0; r < n; ++r) {
+        out[r] = dot(rows[r], z);
+    }
+}
+
+} // namespace AMINN_CORE
+} // namespace aminn
+
+#endif

@@ -1,0 +1,125 @@
+#ifndef AMINN_SRC_LANES_VECTOR_HPP
+#define AMINN_SRC_LANES_VECTOR_HPP
+
+#include "components.hpp"
+#include "rows_vector.hpp"
+
+namespace aminn {
+inline namespace AMINN_CORE {
+
+using Branches = Float4;
+constexpr int kSideBySide = kBranch < 4 ? kBranch : 4; // branches in one Branches
+
+using ContactRow = Components<Branches, kGated ? 4 : 3>;
+
+AMINN_INLINE Branches broadcast(float x)
+{
+    return Branches{x, x, x, x};
+}
+AMINN_INLINE Branches root(Branches x)
+{
+    return Branches{root(x[0]), root(x[1]), root(x[2]), root(x[3])};
+}
+AMINN_INLINE Branches exponential(Branches x)
+{
+    return Branches{exponential(x[0]), exponential(x[1]), kSideBySide > 2 ? exponential(x[2]) : 0.0F,
+                    kSideBySide > 3 ? exponential(x[3]) : 0.0F};
+}
+// of n branches; the places of others hold the number of the first
+AMINN_INLINE Branches gather(const float *p, int stride, int n)
+{
+    return Branches{p[0], p[n > 1 ? stride : 0], p[n > 2 ? 2 * stride : 0], p[n > 3 ? 3 * stride : 0]};
+}
+AMINN_INLINE void scatter(Branches x, float *p, int stride, int n)
+{
+    AMINN_UNROLL_ROWS
+    for (int k = 0; k < kSideBySide; ++k) {
+        if (k < n) {
+            p[k * stride] = x[k];
+        }
+    }
+}
+// the sum of so many products
+template <int kCount>
+AMINN_INLINE Branches dot_of(const Branches *a, const Branches *b)
+{
+    Branches sum = a[0] * b[0];
+    AMINN_UNROLL_ROWS
+    for (int i = 1; i < kCount; ++i) {
+        sum = sum + a[i] * b[i];
+    }
+    return sum;
+}
+
+// Rows whose columns' inner products are asked for one after the other: they lie weighted in memory, from where a component
+// is loaded into all places of a register.
+template <int kCount>
+class WeightedRows {
+  public:
+    WeightedRows(const Row *rows, const float *weight) : rows_(rows)
+    {
+        for (int r = 0; r < kCount; ++r) {
+            const Float8 row = weight[r] * rows[r].v;
+            std::memcpy(weighted_[r], &row, sizeof row);
+        }
+    }
+    AMINN_INLINE void products_of(int j, Row &to) const
+    {
+        weighted_sum(to, rows_, kCount, [this, j](int r) { return weighted_[r][j]; });
+    }
+
+  private:
+    float weighted_[kCount][8];
+    const Row *rows_;
+};
+
+// to[i] = component i of each branch's row, then of the last row
+AMINN_INLINE void transpose(const Row branches[kBranch], const Row &last, TendonRow to[kMotion])
+{
+    AMINN_UNROLL_ROWS
+    for (int i = 0; i < kMotion; ++i) {
+        set(to[i].v, in_column<0>(branches, last, i), in_column<1>(branches, last, i), in_column<2>(branches, last, i),
+            in_column<3>(branches, last, i), in_column<4>(branches, last, i), in_column<5>(branches, last, i), 0.0F,
+            0.0F);
+    }
+}
+
+// components of a (0 to 7) and b (8 to 15)
+template <int... i>
+AMINN_INLINE void pick(Float8 &to, const Float8 &a, const Float8 &b)
+{
+    set(to, (i < 8 ? a[i % 8] : b[i % 8])...);
+}
+
+// out[r] = the sum of the products of the components of each of the rows and z, n at most 8
+AMINN_INLINE void dots(const Row *rows, int n, const Row &z, float *out)
+{
+    // four at a time: pairs of components, then pairs of pairs
+    AMINN_UNROLL_ROWS
+    for (int r = 0; r < n; r += 4) {
+        Float8 product[4];
+        Float8 pair[2];
+        Float8 first;
+        Float8 second;
+        AMINN_UNROLL_ROWS
+        for (int i = 0; i < 4; ++i) {
+            product[i] = rows[r + i < n ? r + i : r].v * z.v;
+        }
+        AMINN_UNROLL_ROWS
+        for (int i = 0; i < 2; ++i) { // a01 a23 b01 b23 | a45 - b45 -, and of c and d
+            pick<0, 2, 8, 10, 4, 6, 12, 14>(first, product[2 * i], product[2 * i + 1]);
+            pick<1, 3, 9, 11, 5, 7, 13, 15>(second, product[2 * i], product[2 * i + 1]);
+            pair[i] = first + second;
+        }
+        pick<0, 2, 8, 10, 4, 6, 12, 14>(first, pair[0], pair[1]); // a01 b01 c01 d01 | a45 b45 c45 d45
+        pick<1, 3, 9, 11, 5, 7, 13, 15>(second, pair[0], pair[1]);
+        for (int i = 0; i < 4 && r + i < n; ++i) {
+            out[r + i] = (first[i] + second[i]) + first[4 + i];
+        }
+    }
+}
+
+} // namespace AMINN_CORE
+} // namespace aminn
+
+#endif

@@ -1,0 +1,23 @@
+// Rows as arrays, of any machine.
+#ifndef AMINN_SRC_ROWS_PLAIN_HPP
+#define AMINN_SRC_ROWS_PLAIN_HPP
+
+#include "components.hpp"
+#include "row_sums.hpp"
+
+namespace aminn {
+inline namespace AMINN_CORE {
+
+using Row = Components<float, kMotion>;
+
+AMINN_FUNCTION void multiply(Row &a, const Row &b)
+{
+    for (int i = 0; i < kMotion; ++i) {
+        a.v[i] = a.v[i] * b.v[i];
+    }
+}
+
+} // namespace AMINN_CORE
+} // namespace aminn
+
+#endif

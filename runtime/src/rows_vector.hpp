@@ -1,0 +1,182 @@
+// Rows in vector registers: a Row is 8 floats, a TendonRow 4 or 8. The last ones hold numbers that no result depends on.
+#ifndef AMINN_SRC_ROWS_VECTOR_HPP
+#define AMINN_SRC_ROWS_VECTOR_HPP
+
+#include <type_traits>
+
+#include "row_sums.hpp"
+#include "vector3.hpp"
+
+namespace aminn {
+inline namespace AMINN_CORE {
+
+#pragma GCC diagnostic ignored "-Wpsabi" // nothing here is called across object files
+using Float4 = float __attribute__((vector_size(16)));
+using Int4 = int32_t __attribute__((vector_size(16)));
+
+// the first four
+AMINN_INLINE void set(Float4 &to, float x0, float x1, float x2, float x3, float, float, float, float)
+{
+    to = Float4{x0, x1, x2, x3};
+}
+AMINN_INLINE void set_place(Float4 &a, int j, float value)
+{
+    const Int4 places = {0, 1, 2, 3};
+    a = places == j ? Float4{} + value : a;
+}
+AMINN_INLINE void clear_places_up_to(Float4 &a, int j)
+{
+    const Int4 places = {0, 1, 2, 3};
+    a = places > j ? a : Float4{};
+}
+
+#if defined(__AVX__)
+using Float8 = float __attribute__((vector_size(32)));
+using Int8 = int32_t __attribute__((vector_size(32)));
+
+AMINN_INLINE void set(Float8 &to, float x0, float x1, float x2, float x3, float x4, float x5, float x6, float x7)
+{
+    to = Float8{x0, x1, x2, x3, x4, x5, x6, x7};
+}
+AMINN_INLINE void clear_places_up_to(Float8 &a, int j)
+{
+    const Int8 places = {0, 1, 2, 3, 4, 5, 6, 7};
+    a = places > j ? a : Float8{};
+}
+AMINN_INLINE void set_place(Float8 &a, int j, float value)
+{
+    const Int8 places = {0, 1, 2, 3, 4, 5, 6, 7};
+    a = places == j ? Float8{} + value : a;
+}
+#else
+// Of a vector of 32 bytes gcc would make numbers in memory where registers have 16.
+struct Float8 {
+    Float4 low;
+    Float4 high;
+    AMINN_INLINE float operator[](int i) const
+    {
+        return i < 4 ? low[i] : high[i - 4];
+    }
+};
+AMINN_INLINE Float8 operator+(const Float8 &a, const Float8 &b)
+{
+    return {a.low + b.low, a.high + b.high};
+}
+AMINN_INLINE Float8 operator-(const Float8 &a, const Float8 &b)
+{
+    return {a.low - b.low, a.high - b.high};
+}
+AMINN_INLINE Float8 operator*(const Float8 &a, const Float8 &b)
+{
+    return {a.low * b.low, a.high * b.high};
+}
+AMINN_INLINE Float8 operator*(float s, const Float8 &a)
+{
+    return {s * a.low, s * a.high};
+}
+AMINN_INLINE Float8 operator/(float s, const Float8 &a)
+{
+    return {s / a.low, s / a.high};
+}
+AMINN_INLINE void set(Float8 &to, float x0, float x1, float x2, float x3, float x4, float x5, float x6, float x7)
+{
+    to = {Float4{x0, x1, x2, x3}, Float4{x4, x5, x6, x7}};
+}
+AMINN_INLINE void clear_places_up_to(Float8 &a, int j)
+{
+    clear_places_up_to(a.low, j);
+    clear_places_up_to(a.high, j - 4);
+}
+AMINN_INLINE void set_place(Float8 &a, int j, float value)
+{
+    set_place(a.low, j, value);
+    set_place(a.high, j - 4, value);
+}
+#endif
+
+AMINN_INLINE void spread(Float8 &to, float s)
+{
+    set(to, s, s, s, s, s, s, s, s);
+}
+AMINN_INLINE void spread(Float4 &to, float s)
+{
+    to = Float4{s, s, s, s};
+}
+
+template <class Vector>
+struct Lanes {
+    Vector v;
+    AMINN_INLINE float operator[](int i) const
+    {
+        return v[i];
+    }
+};
+
+using Row = Lanes<Float8>;
+using TendonRow = Lanes < std::conditional_t<kBranch<4, Float4, Float8>>;
+
+AMINN_INLINE void load_row(Row &a, const float *p)
+{
+    set(a.v, p[0], p[1], p[2], p[3], p[4], p[5], 0.0F, 0.0F);
+}
+// a = s c
+template <class Vector>
+AMINN_INLINE void scale(Lanes<Vector> &a, float s, const Lanes<Vector> &c)
+{
+    a.v = s * c.v;
+}
+// a += s c
+template <class Vector>
+AMINN_INLINE void add_scaled(Lanes<Vector> &a, float s, const Lanes<Vector> &c)
+{
+    a.v = a.v + s * c.v;
+}
+// a *= 1 / a[j], which is returned
+template <class Vector>
+AMINN_INLINE float scale_by_component(Lanes<Vector> &a, int j)
+{
+    Vector inv;
+    spread(inv, a.v[j]);
+    inv = 1.0F / inv;
+    a.v = inv * a.v;
+    return inv[0];
+}
+// a -= s c
+template <class Vector>
+AMINN_INLINE void subtract_scaled(Lanes<Vector> &a, float s, const Lanes<Vector> &c)
+{
+    a.v = a.v - s * c.v;
+}
+// a += b
+template <class Vector>
+AMINN_INLINE void add(Lanes<Vector> &a, const Lanes<Vector> &b)
+{
+    a.v = a.v + b.v;
+}
+// a *= b, component by component
+template <class Vector>
+AMINN_INLINE void multiply(Lanes<Vector> &a, const Lanes<Vector> &b)
+{
+    a.v = a.v * b.v;
+}
+template <class Vector>
+AMINN_INLINE void clear(Lanes<Vector> &a)
+{
+    a.v = Vector{};
+}
+// zero for components 0 to j
+template <class Vector>
+AMINN_INLINE void clear_up_to(Lanes<Vector> &a, int j)
+{
+    clear_places_up_to(a.v, j);
+}
+template <class Vector>
+AMINN_INLINE void set_component(Lanes<Vector> &a, int j, float value)
+{
+    set_place(a.v, j, value);
+}
+
+} // namespace AMINN_CORE
+} // namespace aminn
+
+#endif

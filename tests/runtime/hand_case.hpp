@@ -1,0 +1,186 @@
+/* A model and inputs of the hand that this is compiled for: random, of physical sizes, the same bits on every machine. */
+#ifndef HAND_CASE_HPP
+#define HAND_CASE_HPP
+
+#include <cstdint>
+#include <cstring>
+
+#include "aminn_rt.h"
+
+namespace hand_case {
+
+constexpr int B = AMINN_N_BRANCH, C = AMINN_N_COORD, G = AMINN_N_GATED;
+constexpr int kPacked = AMINN_N_CHOLESKY, kContactWidth = 9, kWidth = 16, kClassifier = 7;
+constexpr int kTrunkInput = kContactWidth + AMINN_N_GLOBAL_INPUT, kClassifierInput = kWidth + AMINN_N_AUX;
+/* where a tendon's numbers stand in the head, in rows of B (aminn_rt.h has the order) */
+constexpr int kGainRow = C, kAlphaRow = C + 1, kDirectionRow = C + 2 + C * (C - 1) / 2, kBetaRow = kDirectionRow + C;
+constexpr int kRhoRow = kBetaRow + 1;
+
+class Random {
+  public:
+    explicit Random(uint32_t seed) : state_(seed)
+    {
+    }
+    float within(float low, float high)
+    {
+        state_ = state_ * 1664525u + 1013904223u;
+        const float unit = static_cast<float>(state_ >> 8) * 0x1p-24F;
+        return low + (high - low) * unit;
+    }
+    void fill(float *values, int n, float low, float high)
+    {
+        for (int i = 0; i < n; ++i) {
+            values[i] = within(low, high);
+        }
+    }
+
+  private:
+    uint32_t state_;
+};
+
+struct StageTables {
+    float contact_mean[AMINN_N_CONTACT_INPUT], contact_inv_std[AMINN_N_CONTACT_INPUT];
+    float global_mean[AMINN_N_GLOBAL_INPUT], global_inv_std[AMINN_N_GLOBAL_INPUT];
+    float contact_w[AMINN_N_CONTACT_INPUT * kContactWidth], contact_b[kContactWidth];
+    float trunk1_w[kTrunkInput * kWidth], trunk1_b[kWidth], trunk2_w[kWidth * kWidth], trunk2_b[kWidth];
+    float head_w[kWidth * AMINN_N_HEAD_STORED], head_b[AMINN_N_HEAD_STORED];
+};
+
+struct Tables {
+    float wrench_log_scale[AMINN_N_WRENCH], chol_nom[B * kPacked], tendon_dir_nom[B * C], tendon_gain_nom[B],
+        gate_nom[3];
+    float coord_mask[B * C], aux_mean[AMINN_N_AUX], aux_inv_std[AMINN_N_AUX];
+    float cls1_w[kClassifierInput * kClassifier], cls1_b[kClassifier], cls2_w[kClassifier], cls2_b[1];
+    StageTables stage[AMINN_N_STAGE];
+};
+
+/* Coordinates that a branch lacks, next to the palm: the last branch lacks most. */
+inline int lacking(int b)
+{
+    int left = B * C - AMINN_N_JOINT;
+    for (int other = B - 1; other > b; --other) {
+        left -= left < C - 1 ? left : C - 1;
+    }
+    return left < C - 1 ? left : C - 1;
+}
+
+inline bool has_tendon(int b)
+{
+    return b < G;
+}
+
+inline void make_stage(Random &random, StageTables &t, aminn_stage_model_t &stage, float eps_kx)
+{
+    random.fill(t.contact_mean, AMINN_N_CONTACT_INPUT, -0.1F, 0.1F);
+    random.fill(t.contact_inv_std, AMINN_N_CONTACT_INPUT, 0.5F, 2.0F);
+    random.fill(t.global_mean, AMINN_N_GLOBAL_INPUT, -0.1F, 0.1F);
+    random.fill(t.global_inv_std, AMINN_N_GLOBAL_INPUT, 0.5F, 2.0F);
+    random.fill(t.contact_w, AMINN_N_CONTACT_INPUT * kContactWidth, -0.2F, 0.2F);
+    random.fill(t.contact_b, kContactWidth, -0.5F, 0.5F);
+    random.fill(t.trunk1_w, kTrunkInput * kWidth, -0.3F, 0.3F);
+    random.fill(t.trunk1_b, kWidth, -0.5F, 0.5F);
+    random.fill(t.trunk2_w, kWidth * kWidth, -0.3F, 0.3F);
+    random.fill(t.trunk2_b, kWidth, -0.5F, 0.5F);
+    random.fill(t.head_w, kWidth * AMINN_N_HEAD_STORED, -0.15F, 0.15F);
+    random.fill(t.head_b, AMINN_N_HEAD_STORED, -0.2F, 0.2F);
+    stage.eps_m = 2e-5F;
+    stage.eps_kx = eps_kx;
+    stage.eps_jq = 0.02F;
+    stage.contact_mean = t.contact_mean;
+    stage.contact_inv_std = t.contact_inv_std;
+    stage.global_mean = t.global_mean;
+    stage.global_inv_std = t.global_inv_std;
+    stage.contact_w = t.contact_w;
+    stage.contact_b = t.contact_b;
+    stage.trunk1_w = t.trunk1_w;
+    stage.trunk1_b = t.trunk1_b;
+    stage.trunk2_w = t.trunk2_w;
+    stage.trunk2_b = t.trunk2_b;
+    stage.head_w = t.head_w;
+    stage.head_b = t.head_b;
+}
+
+inline void make_model(Tables &t, aminn_model_t &m)
+{
+    Random random(1);
+    std::memset(&t, 0, sizeof t);
+    m = aminn_model_t{};
+    for (int b = 0; b < B; ++b) {
+        float *chol = t.chol_nom + kPacked * b;
+        for (int r = 0; r < C; ++r) {
+            const bool here = r >= lacking(b);
+            t.coord_mask[C * b + r] = here ? 1.0F : 0.0F;
+            chol[r] = here ? random.within(0.3F, 0.6F) : 1.0F;
+            for (int c = 0; c < r; ++c) {
+                chol[C + r * (r - 1) / 2 + c] = c >= lacking(b) ? random.within(-0.15F, 0.15F) : 0.0F;
+            }
+            t.tendon_dir_nom[C * b + r] = here && has_tendon(b) ? random.within(0.3F, 1.0F) : 0.0F;
+        }
+        t.tendon_gain_nom[b] = has_tendon(b) ? random.within(0.2F, 0.6F) : 0.0F;
+    }
+    random.fill(t.wrench_log_scale, AMINN_N_WRENCH, 0.05F, 0.2F);
+    random.fill(t.aux_mean, AMINN_N_AUX, -0.1F, 0.1F);
+    random.fill(t.aux_inv_std, AMINN_N_AUX, 0.1F, 0.2F);
+    random.fill(t.cls1_w, kClassifierInput * kClassifier, -0.3F, 0.3F);
+    random.fill(t.cls1_b, kClassifier, -0.5F, 0.5F);
+    random.fill(t.cls2_w, kClassifier, -0.5F, 0.5F);
+    t.gate_nom[0] = 40.0F;
+    t.gate_nom[1] = 0.02F;
+    t.gate_nom[2] = 0.3F;
+    make_stage(random, t.stage[0], m.stage[0], 0.1F);
+    make_stage(random, t.stage[1], m.stage[1], 0.05F);
+    m.contact_width = kContactWidth;
+    m.width = kWidth;
+    m.classifier_width = kClassifier;
+    m.dq0 = AMINN_DQ0_STATICS;
+    m.weight_type = AMINN_WEIGHTS_FLOAT32;
+    m.length_scale = 0.1F;
+    m.log_range = 0.7F;
+    m.displacement_log_scale = 1e-3F;
+    m.tau = 0.5F;
+    m.wrench_log_scale = t.wrench_log_scale;
+    m.chol_nom = t.chol_nom;
+    m.tendon_dir_nom = t.tendon_dir_nom;
+    m.tendon_gain_nom = t.tendon_gain_nom;
+    m.gate_nom = t.gate_nom;
+    m.coord_mask = t.coord_mask;
+    m.aux_mean = t.aux_mean;
+    m.aux_inv_std = t.aux_inv_std;
+    m.cls1_w = t.cls1_w;
+    m.cls1_b = t.cls1_b;
+    m.cls2_w = t.cls2_w;
+    m.cls2_b = t.cls2_b;
+}
+
+/* Every third input has a branch out of contact, where three and more are left, every fourth one that fades. */
+inline void make_input(uint32_t seed, aminn_input_t &in)
+{
+    Random random(seed * 2654435761u + 7u);
+    in = aminn_input_t{};
+    random.fill(in.q, AMINN_N_JOINT, -1.0F, 1.0F);
+    random.fill(in.x_ht, AMINN_N_WRENCH, -0.05F, 0.05F);
+    random.fill(in.w_e, 3, -1.0F, 1.0F);
+    random.fill(in.w_e + 3, 3, -0.03F, 0.03F);
+    for (int b = 0; b < B; ++b) {
+        const float flag = B > 2 && seed % 3 == 0 && b == static_cast<int>(seed / 3) % B ? 0.0F
+                           : seed % 4 == 1 && b == static_cast<int>(seed / 4) % B        ? 0.5F
+                                                                                         : 1.0F;
+        float r[3];
+        random.fill(r, 3, -0.05F, 0.05F);
+        in.contacts[b][0] = flag;
+        random.fill(in.contacts[b] + 1, AMINN_N_CONTACT_FEATURE - 1, -0.1F, 0.5F);
+        for (int i = 0; i < 3; ++i) {
+            in.j_x[b][i][i] = 1.0F;
+            in.j_x[b][i][3 + (i + 1) % 3] = r[(i + 2) % 3];
+            in.j_x[b][i][3 + (i + 2) % 3] = -r[(i + 1) % 3];
+            for (int c = 0; c < C; ++c) {
+                const float velocity = random.within(-0.1F, 0.1F);
+                in.j_q[b][i][c] = c >= lacking(b) ? velocity : 0.0F;
+            }
+        }
+    }
+}
+
+} // namespace hand_case
+
+#endif

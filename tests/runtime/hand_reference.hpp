@@ -1,0 +1,318 @@
+/* What the numerical core computes, in float64 and as docs/mechanics.md writes it, for the hand that this is compiled for. */
+#ifndef HAND_REFERENCE_HPP
+#define HAND_REFERENCE_HPP
+
+#include <cmath>
+#include <cstring>
+
+#include "hand_case.hpp"
+
+namespace hand_reference {
+
+using namespace hand_case;
+constexpr int W = AMINN_N_WRENCH;
+
+using Vector6 = double[W];
+using Matrix6 = double[W][W];
+
+struct Stage {
+    double k_spring[B][C][C], direction[B][C], gain[B], gate_params[B][3], gate[B];
+    double dx0[W], dx[W], dq0[B][C], k_x[W][W];
+};
+
+struct Reference {
+    double p_stable;
+    Stage stage[AMINN_N_STAGE];
+};
+
+/* x of a x = y, n x n, by elimination with pivots */
+template <int N>
+inline void solve(const double (&a)[N][N], const double (&y)[N], double (&x)[N])
+{
+    double m[N][N + 1];
+    for (int i = 0; i < N; ++i) {
+        std::memcpy(m[i], a[i], sizeof a[i]);
+        m[i][N] = y[i];
+    }
+    for (int j = 0; j < N; ++j) {
+        int best = j;
+        for (int i = j; i < N; ++i) {
+            best = std::fabs(m[i][j]) > std::fabs(m[best][j]) ? i : best;
+        }
+        for (int k = 0; k <= N; ++k) {
+            const double swap = m[j][k];
+            m[j][k] = m[best][k];
+            m[best][k] = swap;
+        }
+        for (int i = j + 1; i < N; ++i) {
+            const double factor = m[i][j] / m[j][j];
+            for (int k = j; k <= N; ++k) {
+                m[i][k] -= factor * m[j][k];
+            }
+        }
+    }
+    for (int i = N - 1; i >= 0; --i) {
+        x[i] = m[i][N];
+        for (int k = i + 1; k < N; ++k) {
+            x[i] -= m[i][k] * x[k];
+        }
+        x[i] /= m[i][i];
+    }
+}
+
+inline void dense(const void *weights, const float *b, const double *x, int n_in, int n_out, bool rectify, double *y)
+{
+    const auto *w = static_cast<const float *>(weights);
+    for (int o = 0; o < n_out; ++o) {
+        double sum = static_cast<double>(b[o]);
+        for (int i = 0; i < n_in; ++i) {
+            sum += static_cast<double>(w[i * n_out + o]) * x[i];
+        }
+        y[o] = rectify && sum < 0.0 ? 0.0 : sum;
+    }
+}
+
+inline double normal(double x, const float *mean, const float *inv_std, int i)
+{
+    return (x - static_cast<double>(mean[i])) * static_cast<double>(inv_std[i]);
+}
+
+/* B K^-1 B^T + eps I of a branch, and K^-1 B^T */
+inline void contact_compliance(const double (&k)[C][C], const float (&j_q)[3][C], double eps, double (&m)[3][3],
+                               double (&k_inv_bt)[C][3])
+{
+    for (int i = 0; i < 3; ++i) {
+        double column[C], x[C];
+        for (int c = 0; c < C; ++c) {
+            column[c] = -static_cast<double>(j_q[i][c]);
+        }
+        solve<C>(k, column, x);
+        for (int c = 0; c < C; ++c) {
+            k_inv_bt[c][i] = x[c];
+        }
+    }
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j) {
+            m[i][j] = i == j ? eps : 0.0;
+            for (int c = 0; c < C; ++c) {
+                m[i][j] -= static_cast<double>(j_q[i][c]) * k_inv_bt[c][j];
+            }
+        }
+    }
+}
+
+/* K_x in SI, and the load's displacement */
+inline void statics(const aminn_stage_model_t &s, const aminn_input_t &in, const double (&k)[B][C][C], Matrix6 &k_x,
+                    Vector6 &dx)
+{
+    for (int i = 0; i < W; ++i) {
+        for (int j = 0; j < W; ++j) {
+            k_x[i][j] = i == j ? static_cast<double>(s.eps_kx) : 0.0;
+        }
+    }
+    for (int b = 0; b < B; ++b) {
+        double m[3][3], unused[C][3];
+        contact_compliance(k[b], in.j_q[b], static_cast<double>(s.eps_m), m, unused);
+        for (int j = 0; j < W; ++j) {
+            double column[3], x[3];
+            for (int r = 0; r < 3; ++r) {
+                column[r] = static_cast<double>(in.j_x[b][r][j]);
+            }
+            solve<3>(m, column, x);
+            for (int i = 0; i < W; ++i) {
+                for (int r = 0; r < 3; ++r) {
+                    k_x[i][j] += static_cast<double>(in.contacts[b][0]) * static_cast<double>(in.j_x[b][r][i]) * x[r];
+                }
+            }
+        }
+    }
+    double load[W];
+    for (int i = 0; i < W; ++i) {
+        load[i] = static_cast<double>(in.w_e[i]);
+    }
+    solve<W>(k_x, load, dx);
+}
+
+/* dq0 of a branch: K^-1 B^T f, f = c M^-1 A dx0; or the paper's -(J_q + eps I)^-1 J_x dx0 */
+inline void deflection(const aminn_model_t &model, const aminn_stage_model_t &s, const aminn_input_t &in, int b,
+                       const double (&k)[C][C], const Vector6 &dx0, double (&dq0)[C])
+{
+    double m[3][3], k_inv_bt[C][3], motion[3], force[3];
+    contact_compliance(k, in.j_q[b], static_cast<double>(s.eps_m), m, k_inv_bt);
+    const double contact = static_cast<double>(in.contacts[b][0]);
+    for (int r = 0; r < 3; ++r) {
+        motion[r] = 0.0;
+        for (int j = 0; j < W; ++j) {
+            motion[r] += static_cast<double>(in.j_x[b][r][j]) * dx0[j];
+        }
+    }
+    solve<3>(m, motion, force);
+    for (int c = 0; c < C; ++c) {
+        dq0[c] = 0.0;
+        for (int r = 0; r < 3; ++r) {
+            dq0[c] += contact * k_inv_bt[c][r] * force[r];
+        }
+    }
+    if constexpr (C == 3) {
+        if (model.dq0 == AMINN_DQ0_INVERSE) {
+            double a[3][3], x[3];
+            for (int r = 0; r < 3; ++r) {
+                for (int c = 0; c < C; ++c) {
+                    a[r][c] = static_cast<double>(in.j_q[b][r][c]) + (r == c ? static_cast<double>(s.eps_jq) : 0.0);
+                }
+            }
+            solve<3>(a, motion, x);
+            for (int c = 0; c < C; ++c) {
+                dq0[c] = -contact * static_cast<double>(model.coord_mask[C * b + c]) * x[c];
+            }
+        }
+    }
+}
+
+/* springs, tendons and gates from the head's numbers, which stand in rows of B */
+inline void head_to_springs(const aminn_model_t &model, const double *head, Stage &stage)
+{
+    constexpr int kOffRow = G > 0 ? C + 2 : C;
+    const double range = static_cast<double>(model.log_range);
+    for (int b = 0; b < B; ++b) {
+        const auto raw = [&](int row) { return head[row * B + b]; };
+        const float *chol = model.chol_nom + kPacked * b, *mask = model.coord_mask + C * b;
+        double l[C][C] = {};
+        for (int r = 0; r < C; ++r) {
+            const double nominal = static_cast<double>(chol[r]);
+            l[r][r] = mask[r] != 0.0F ? nominal * std::exp(range * std::tanh(raw(r))) : nominal;
+            for (int c = 0; c < r; ++c) {
+                const int i = r * (r - 1) / 2 + c;
+                const double size = std::sqrt(nominal * static_cast<double>(chol[c]));
+                l[r][c] = static_cast<double>(mask[r] * mask[c]) *
+                          (static_cast<double>(chol[C + i]) + size * std::tanh(raw(kOffRow + i)));
+            }
+        }
+        for (int r = 0; r < C; ++r) {
+            for (int c = 0; c < C; ++c) {
+                stage.k_spring[b][r][c] = 0.0;
+                for (int k = 0; k < C; ++k) {
+                    stage.k_spring[b][r][c] += l[r][k] * l[c][k];
+                }
+            }
+        }
+        if (G == 0) {
+            continue;
+        }
+        double square = 1e-12;
+        for (int c = 0; c < C; ++c) {
+            stage.direction[b][c] =
+                has_tendon(b) ? static_cast<double>(mask[c]) *
+                                    (static_cast<double>(model.tendon_dir_nom[C * b + c]) + raw(kDirectionRow + c))
+                              : 0.0;
+            square += stage.direction[b][c] * stage.direction[b][c];
+        }
+        for (double &d : stage.direction[b]) {
+            d /= std::sqrt(square);
+        }
+        stage.gain[b] = static_cast<double>(model.tendon_gain_nom[b]) * std::exp(range * std::tanh(raw(kGainRow)));
+        stage.gate_params[b][0] = static_cast<double>(model.gate_nom[0]) * std::exp(range * std::tanh(raw(kAlphaRow)));
+        stage.gate_params[b][1] = static_cast<double>(model.gate_nom[1]) * raw(kBetaRow);
+        stage.gate_params[b][2] = static_cast<double>(model.gate_nom[2]) + raw(kRhoRow);
+    }
+}
+
+inline void two_pass(const aminn_model_t &model, const aminn_stage_model_t &s, const aminn_input_t &in, Stage &stage)
+{
+    statics(s, in, stage.k_spring, stage.k_x, stage.dx0);
+    double k[B][C][C];
+    std::memcpy(k, stage.k_spring, sizeof k);
+    for (int b = 0; b < B; ++b) {
+        deflection(model, s, in, b, stage.k_spring[b], stage.dx0, stage.dq0[b]);
+        if (!has_tendon(b)) {
+            continue;
+        }
+        double eta = 0.0;
+        for (int c = 0; c < C; ++c) {
+            eta += stage.dq0[b][c] * stage.direction[b][c];
+        }
+        const double *gate = stage.gate_params[b];
+        stage.gate[b] = 1.0 / (1.0 + std::exp(-(gate[0] * (eta - gate[1]) + gate[2])));
+        for (int r = 0; r < C; ++r) {
+            for (int c = 0; c < C; ++c) {
+                k[b][r][c] += stage.gain[b] * stage.gate[b] * stage.direction[b][r] * stage.direction[b][c];
+            }
+        }
+    }
+    statics(s, in, k, stage.k_x, stage.dx);
+}
+
+inline double log_by_size(double w, double scale)
+{
+    return std::copysign(std::log1p(std::fabs(w) / scale), w);
+}
+
+inline void run_stage(const aminn_model_t &model, int i, const aminn_input_t &in, Stage &stage,
+                      double (&feature)[kClassifierInput])
+{
+    const aminn_stage_model_t &s = model.stage[i];
+    double contact[AMINN_N_CONTACT_INPUT], trunk[kTrunkInput], hidden[kWidth], head[AMINN_N_HEAD_STORED];
+    for (int b = 0; b < B; ++b) {
+        for (int k = 0; k < AMINN_N_BRANCH_FEATURE; ++k) {
+            const float number =
+                k < AMINN_N_CONTACT_FEATURE ? in.contacts[b][k] : (&in.j_q[b][0][0])[k - AMINN_N_CONTACT_FEATURE];
+            const double flag = k == 0 ? 1.0 : static_cast<double>(in.contacts[b][0]);
+            const int at = b * AMINN_N_BRANCH_FEATURE + k;
+            contact[at] = normal(flag * static_cast<double>(number), s.contact_mean, s.contact_inv_std, at);
+        }
+    }
+    dense(s.contact_w, s.contact_b, contact, AMINN_N_CONTACT_INPUT, kContactWidth, true, trunk);
+    constexpr int kFirst = AMINN_N_JOINT + 2 * W;
+    for (int k = 0; k < kFirst; ++k) {
+        trunk[kContactWidth + k] =
+            normal(static_cast<double>(reinterpret_cast<const float *>(&in)[k]), s.global_mean, s.global_inv_std, k);
+    }
+    for (int k = 0; k < W; ++k) {
+        const double w = log_by_size(static_cast<double>(in.w_e[k]), static_cast<double>(model.wrench_log_scale[k]));
+        trunk[kContactWidth + kFirst + k] = normal(w, s.global_mean, s.global_inv_std, kFirst + k);
+    }
+    dense(s.trunk1_w, s.trunk1_b, trunk, kTrunkInput, kWidth, true, hidden);
+    dense(s.trunk2_w, s.trunk2_b, hidden, kWidth, kWidth, true, feature);
+    dense(s.head_w, s.head_b, feature, kWidth, AMINN_N_HEAD_STORED, false, head);
+    head_to_springs(model, head, stage);
+    two_pass(model, s, in, stage);
+}
+
+/* What stage 1's classifier makes of the trunk's output, which stands first in `feature`, and of the statics. */
+inline double classify(const aminn_model_t &model, const Stage &stage, double (&feature)[kClassifierInput])
+{
+    const double length = static_cast<double>(model.length_scale);
+    double aux[AMINN_N_AUX] = {}, x[W], square = 0.0, hidden[kClassifier], logit = 0.0;
+    for (int i = 0; i < W; ++i) {
+        x[i] = stage.dx[i] * (i < 3 ? 1.0 : length);
+        square += x[i] * x[i];
+    }
+    const double size = std::sqrt(square), fade = std::fmin(length / size, 1.0);
+    for (int i = 0; i < W; ++i) {
+        aux[i] = x[i] * std::log1p(size / static_cast<double>(model.displacement_log_scale)) / size;
+        aux[W + i] = std::log(stage.k_x[i][i] / (i < 3 ? 1.0 : length * length));
+    }
+    for (int b = 0; b < B && G > 0; ++b) {
+        aux[(2 * W + b) % AMINN_N_AUX] = stage.gate[b];
+    }
+    for (int i = 0; i < AMINN_N_AUX; ++i) {
+        feature[kWidth + i] = normal(aux[i], model.aux_mean, model.aux_inv_std, i) * (i < W ? 1.0 : fade);
+    }
+    dense(model.cls1_w, model.cls1_b, feature, kClassifierInput, kClassifier, true, hidden);
+    dense(model.cls2_w, model.cls2_b, hidden, kClassifier, 1, false, &logit);
+    return 1.0 / (1.0 + std::exp(-logit));
+}
+
+inline Reference predict(const aminn_model_t &model, const aminn_input_t &in)
+{
+    Reference reference = {};
+    double feature[kClassifierInput];
+    run_stage(model, 0, in, reference.stage[0], feature);
+    reference.p_stable = classify(model, reference.stage[0], feature);
+    run_stage(model, 1, in, reference.stage[1], feature);
+    return reference;
+}
+
+} // namespace hand_reference
+
+#endif
