@@ -12,9 +12,11 @@ import pytest
 from click.testing import CliRunner
 
 from aminn_app.cli import main
-from aminn_base.errors import InUseError, WriteError
+from aminn_base.errors import AminnError, InUseError, WriteError
 from aminn_base.lock import locked_folder
 from aminn_export.export import export
+from aminn_export.replay.hand_header import build_name
+from aminn_export.replay.runtime_place import find_runtime
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -120,3 +122,33 @@ def test_replay_without_room_says_so_and_leaves_nothing(build_dir: Path, tmp_pat
     )
     assert done.returncode > 0 and str(out) in done.stderr and "File too large" in done.stderr, done
     assert list(tmp_path.iterdir()) == []
+
+
+HEADER = """/* a hand */
+#define AMINN_HAND_NAME "{name}"
+#define AMINN_N_BRANCH {branches}
+#define AMINN_N_COORD 3
+#define AMINN_N_JOINT 8
+#define AMINN_N_GATED {gated}
+"""
+
+
+def _header(folder: Path, name: str, branches: int, gated: int) -> Path:
+    folder.mkdir()
+    file = folder / "aminn_hand.h"
+    file.write_text(HEADER.format(name=name, branches=branches, gated=gated))
+    return file
+
+
+def test_a_runtime_for_another_hand_is_refused_by_name(installed: Path, tmp_path: Path) -> None:
+    """What is installed cannot be built anew; the counts matter, not the name."""
+    same = _header(tmp_path / "same", "three_like", 3, 2)
+    assert find_runtime(installed, same) == find_runtime(installed)
+    for name, branches, gated in (("four_like", 4, 3), ("no_cables", 3, 0)):
+        other = _header(tmp_path / name, name, branches, gated)
+        with pytest.raises(AminnError, match=f"compiled for hand three_finger_hand, the model is of {name}"):
+            find_runtime(installed, other)
+    assert build_name(same) != build_name(other) and build_name(same).startswith("three_like-")
+    (tmp_path / "same" / "aminn_hand.h").write_text("/* damaged */")
+    with pytest.raises(AminnError, match=r"aminn_hand\.h: no AMINN_N_BRANCH"):
+        find_runtime(installed, same)

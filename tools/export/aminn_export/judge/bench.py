@@ -30,7 +30,8 @@ from aminn_base.program import Messages
 from ..files.bin_model import BinModel, read_bin_model
 from ..files.onnx_model import IR_VERSION, ONNX_FILE, OPSET, build_onnx
 from ..files.tables import dims_of
-from ..replay.runtime_place import find_in, runtime_source
+from ..replay.hand_header import header_beside
+from ..replay.runtime_place import RuntimePlace, find_in, find_runtime, runtime_source
 from ..replay.targets import run
 from ..samples.golden import GOLDEN_FILE
 from .verify import model_prefix
@@ -82,27 +83,28 @@ def onnxruntime_library() -> Path:
     return found[0]
 
 
-def compile_bench(model: BinModel, source: Path, library: Path, program: Path, march: str) -> None:
-    """Compile the timing program for the model's widths, against a built library, its products for `march`."""
+def compile_bench(model: BinModel, place: RuntimePlace, library: Path, program: Path, march: str) -> None:
+    """Compile the timing program for the model's widths and hand, against a built library, its products for `march`."""
     widths = {"HC": "contact_width", "H": "width", "HD": "classifier_width"}
-    include = [f"-I{source / 'include'}", f"-I{source / 'tools'}", "-isystem", "/usr/include/eigen3"]
+    include = [*place.flags, f"-I{place.sources}", "-isystem", "/usr/include/eigen3"]
     run(
-        ["gcc", "-std=c99", "-O2", *include, "-c", str(source / "tools" / "host_file.c"), "-o", f"{program}.o"],
+        ["gcc", "-std=c99", "-O2", *include, "-c", str(place.sources / "host_file.c"), "-o", f"{program}.o"],
         "compiling",
     )
     command = ["g++", "-std=c++17", "-O3", f"-march={march}", *WARNINGS, *include]
     command += [f"-D{name}={model.meta[key]}" for name, key in widths.items()]
-    command += [str(source / "tools" / "aminn_bench.cpp"), f"{program}.o", str(library)]
+    command += [str(place.sources / "aminn_bench.cpp"), f"{program}.o", str(library)]
     run([*command, "-lopenblas", "-ldl", "-lm", "-o", str(program)], "compiling aminn_bench")
 
 
-def build_avx2_library(source: Path, folder: Path) -> Path:
-    """The library without a choice at run time, compiled for AVX2; returns the archive."""
+def build_avx2_library(source: Path, hand: Path, folder: Path) -> Path:
+    """The library without a choice at run time, compiled for AVX2 and a hand's header; returns the archive."""
     options = [
         "-DCMAKE_BUILD_TYPE=Release",
         "-DAMINN_RT_DISPATCH=OFF",
         "-DAMINN_RT_TOOLS=OFF",
         "-DCMAKE_CXX_FLAGS=-mavx2",
+        f"-DAMINN_HAND={hand}",
     ]
     run(["cmake", "-S", str(source), "-B", str(folder), *options], "cmake")
     run(["cmake", "--build", str(folder), "--parallel"], "building the library for AVX2")
@@ -132,7 +134,7 @@ def bench(model_dir: Path, vectors: Path, build_dir: Path, rounds: int = ROUNDS)
     """Times in microseconds a call, and their ratios. Raises AminnError where something is missing."""
     blob = model_dir / f"{model_prefix(model_dir)}.bin"
     model = read_bin_model(blob)
-    source = runtime_source(build_dir)
+    source, place = runtime_source(build_dir), find_runtime(build_dir, header_beside(model_dir))
     cpu, registers = _cpu()
     with tempfile.TemporaryDirectory(prefix="aminn-bench-") as folder:
         program, graph, mlp = (Path(folder) / name for name in ("aminn_bench", "aminn.onnx", "mlp.onnx"))
@@ -140,10 +142,11 @@ def bench(model_dir: Path, vectors: Path, build_dir: Path, rounds: int = ROUNDS)
         graph.write_bytes(file.read_bytes() if file.is_file() else build_onnx(model).SerializeToString())
         mlp.write_bytes(plain_mlp(parameters(model), dims_of(model.tensors).input).SerializeToString())
         command = [str(program), str(blob), str(vectors), str(rounds), str(onnxruntime_library()), str(graph), str(mlp)]
-        compile_bench(model, source, find_in(build_dir, "libaminn_rt.a"), program, "native")
+        compile_bench(model, place, place.library, program, "native")
         report: Report = json.loads(run(command, "aminn_bench"))
         if registers == AVX512:
-            compile_bench(model, source, build_avx2_library(source, Path(folder) / "avx2"), program, AVX2_MARCH)
+            library = build_avx2_library(source, place.hand, Path(folder) / "avx2")
+            compile_bench(model, place, library, program, AVX2_MARCH)
             avx2 = json.loads(run(["env", f"OPENBLAS_CORETYPE={AVX2_MARCH}", *command], "aminn_bench with AVX2"))
             report["avx2_floor_us"] = avx2[f"{avx2['floor']}_us"]
             report |= {f"avx2_{name}": avx2[name] for name in ("runtime_both_stages_us", "runtime_to_floor_ratio")}

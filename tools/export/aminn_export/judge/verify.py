@@ -9,9 +9,8 @@ says how far each of them is from exact arithmetic.
 
 from __future__ import annotations
 
-import subprocess
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -26,6 +25,7 @@ from aminn.evaluation.evaluate import align_columns
 from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
 from aminn_base.read import AnyPath
+from aminn_base.run import run_program
 from aminn_hand.hand import INPUTS, LENGTH_M, OUTPUTS
 
 from ..files.bin_model import BinModel, read_bin_model
@@ -33,6 +33,7 @@ from ..files.onnx_model import DEBUG_FILE, ONNX_FILE, build_onnx
 from ..files.tables import dims_of
 from ..replay import serial_protocol, targets
 from ..replay.engines import ENGINES, load_engine
+from ..replay.hand_header import header_beside
 from ..replay.runtime_place import REPLAY_SOURCES, RuntimePlace, find_runtime
 from ..samples.golden import GOLDEN_FILE, inputs_of, run_onnx, single_thread_session
 from ..samples.reference import Reference
@@ -120,14 +121,6 @@ def load_samples(source: AnyPath, min_samples: int | None = None, model: BinMode
 
 
 # --- replays --------------------------------------------------------------------------------------------------------
-def run_program(command: Sequence[str | Path], what: str) -> str:
-    """Output of a program. Raises AminnError with what it said if it failed."""
-    done = subprocess.run([str(c) for c in command], capture_output=True, text=True)
-    if done.returncode:
-        raise AminnError(f"{what} failed with exit code {done.returncode}: {(done.stderr or done.stdout).strip()}")
-    return done.stdout
-
-
 def model_prefix(export_dir: Path) -> str:
     """Symbol prefix of the C model in an export folder: of the header that has a binary model beside it."""
     names = [h.stem for h in sorted(export_dir.glob("*.h")) if h.with_suffix(".bin").is_file()]
@@ -150,7 +143,7 @@ def compile_fixed_replay(export_dir: Path, place: RuntimePlace, program: Path) -
     prefix = model_prefix(export_dir)
     command = [place.compiler, "-std=c99", "-O2", "-Wall", "-Wextra", "-Werror"]
     command += [f'-DAMINN_REPLAY_HEADER="{prefix}.h"', f"-DAMINN_REPLAY_MODEL={prefix}"]
-    command += [f"-I{place.include}", f"-I{export_dir}", *(str(place.sources / name) for name in REPLAY_SOURCES)]
+    command += [*place.flags, f"-I{export_dir}", *(str(place.sources / name) for name in REPLAY_SOURCES)]
     command += [str(export_dir / f"{prefix}.c"), str(place.library), "-lm", "-o", str(program)]
     run_program(command, "compiling the C model")
 
@@ -362,7 +355,8 @@ def run_verification(
     """
     export_dir, source = Path(export_dir), Path(source)
     prefix = model_prefix(export_dir)
-    model, place = read_bin_model(export_dir / f"{prefix}.bin"), find_runtime(Path(build_dir))
+    model = read_bin_model(export_dir / f"{prefix}.bin")
+    place = find_runtime(Path(build_dir), header_beside(export_dir))
     samples = load_samples(source, min_samples, model)
     exact = evaluate_exact(export_dir, model, samples.inputs, engine)
     report: Report = {"samples": len(samples.inputs["q"])} | _onnx_figures(exact)

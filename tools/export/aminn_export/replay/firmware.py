@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 import shutil
-import subprocess
 import tempfile
 from pathlib import Path
 
 from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
+from aminn_base.run import run_program
+
+from .hand_header import header_beside
 
 QEMU = "qemu-system-arm"
 BOARDS = {"cortex_m4": "mps2-an386", "cortex_m7": "mps2-an500", "cortex_m33": "mps2-an505"}
@@ -17,26 +19,6 @@ BOARDS = {"cortex_m4": "mps2-an386", "cortex_m7": "mps2-an500", "cortex_m33": "m
 COMPILER = "arm-none-eabi-gcc"
 DEBIAN_PACKAGES = "gcc-arm-none-eabi libnewlib-arm-none-eabi libstdc++-arm-none-eabi-newlib qemu-system-arm"
 SOURCE = Path(__file__).resolve().parents[4] / "runtime" / "firmware"
-TIMEOUT_S = 600
-
-
-def _program(name: str) -> str:
-    path = shutil.which(name)
-    if path is None:
-        raise AminnError(f"{name} is not installed; on Debian: apt-get install {DEBIAN_PACKAGES}")
-    return path
-
-
-def _run(command: list[str], what: str, **kwargs) -> str:
-    """Output of a program; AminnError with its last lines if it fails."""
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S, check=False, **kwargs)
-    except subprocess.TimeoutExpired as error:
-        raise AminnError(f"{what}: no end after {TIMEOUT_S} s") from error
-    text = done.stdout + done.stderr
-    if done.returncode != 0:
-        raise AminnError(f"{what}: exit status {done.returncode}\n" + "\n".join(text.splitlines()[-15:]))
-    return text
 
 
 def build_firmware(
@@ -47,18 +29,19 @@ def build_firmware(
     `model_dir` holds MODEL.c and MODEL.h as `aminn export` writes them. The build also proves that the image holds no
     allocator. Raises AminnError if a program is missing or the build fails.
     """
-    _program(COMPILER)
+    if shutil.which(COMPILER) is None:
+        raise AminnError(f"{COMPILER} is not installed; on Debian: apt-get install {DEBIAN_PACKAGES}")
     if not SOURCE.is_dir():
         raise AminnError(f"{SOURCE}: not there; the firmware is built from a checkout of the repository")
     build_dir, model_dir = Path(build_dir).resolve(), Path(model_dir).resolve()
     if not (model_dir / f"{model}.c").is_file():
         raise AminnError(f"{model_dir}: no {model}.c; run aminn export")
-    cmake = _program("cmake")
-    configure = [cmake, "-S", str(SOURCE), "-B", str(build_dir), f"-DMODEL_DIR={model_dir}", f"-DMODEL={model}"]
+    configure = ["cmake", "-S", str(SOURCE), "-B", str(build_dir), f"-DMODEL_DIR={model_dir}", f"-DMODEL={model}"]
+    configure.append(f"-DAMINN_HAND={header_beside(model_dir) or ''}")
     if not (build_dir / "CMakeCache.txt").is_file():
         configure += [f"-DCMAKE_TOOLCHAIN_FILE={SOURCE / 'arm-none-eabi.cmake'}", f"-DBOARD={BOARDS[target]}"]
-    _run(configure, "configuring the firmware")
-    _run([cmake, "--build", str(build_dir)], "building the firmware")
+    run_program(configure, "configuring the firmware", packages=DEBIAN_PACKAGES)
+    run_program(["cmake", "--build", build_dir], "building the firmware")
     return build_dir / "aminn_firmware.elf"
 
 
@@ -73,15 +56,14 @@ def run_firmware(image: Path | str, vectors: Path | str, out: Path | str, target
     for path in (image, vectors):
         if not path.is_file():
             raise AminnError(f"{path}: no such file")
-    qemu = _program(QEMU)
     with tempfile.TemporaryDirectory(prefix="aminn-firmware-") as folder:
         work = Path(folder)
         # short names in the working folder: the target's command line has no quoting
         (work / "vectors.bin").symlink_to(vectors)
         semihosting = "enable=on,target=native,arg=firmware,arg=vectors.bin,arg=results.bin"
-        command = [qemu, "-M", BOARDS[target], "-icount", "shift=0", "-nographic", "-monitor", "none"]
+        command = [QEMU, "-M", BOARDS[target], "-icount", "shift=0", "-nographic", "-monitor", "none"]
         command += ["-serial", "none"]
         command += ["-semihosting-config", semihosting, "-kernel", str(image)]
-        text = _run(command, f"firmware {image.name}", cwd=work)
+        text = run_program(command, f"firmware {image.name}", packages=DEBIAN_PACKAGES, folder=work, merged=True)
         write_atomically(out, (work / "results.bin").read_bytes())
     return {name: int(value) for name, value in re.findall(r"^firmware: (\w+) (\d+)$", text, re.MULTILINE)}

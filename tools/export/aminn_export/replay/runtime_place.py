@@ -7,9 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from aminn_base.errors import AminnError
+from aminn_base.files import write_atomically
+from aminn_base.lock import locked_folder
+from aminn_base.run import run_program
+
+from .hand_header import HAND_HEADER, build_name, name_in, same_build
 
 REPLAY_SOURCES = ("aminn_replay.c", "host_file.c")
 """What the replay program is compiled from, beside the library."""
+_KEPT = ("CMAKE_BUILD_TYPE", "CMAKE_C_COMPILER", "CMAKE_CXX_COMPILER", "AMINN_MAX_WIDTH")
+"""Of a build folder, for the build of another hand."""
 _INSTALLED_SOURCES = Path("share/aminn_rt/replay")
 
 
@@ -27,6 +34,13 @@ class RuntimePlace:
     """Folder of REPLAY_SOURCES."""
     compiler: str
     """The C compiler that the library was built with, where it is known."""
+    hand: Path
+    """`aminn_hand.h` that the library was compiled with."""
+
+    @property
+    def flags(self) -> list[str]:
+        """For the compiler: where the headers are, and which hand they are for."""
+        return [f"-I{self.include}", f'-DAMINN_HAND_HEADER="{self.hand}"']
 
 
 def find_in(folder: Path, name: str) -> Path:
@@ -54,15 +68,40 @@ def runtime_source(build_dir: Path) -> Path:
     raise AminnError(f"{build_dir}: its source folder {home} has no runtime/include/aminn_rt.h")
 
 
-def find_runtime(folder: Path) -> RuntimePlace:
+def _built_for(source: Path, folder: Path, hand: Path) -> Path:
+    """A build folder of the runtime for another hand, below the build folder of this one; built, or brought up to date.
+
+    Raises AminnError with what the compiler said, InUseError while another process builds there.
+    """
+    own = folder / "hands" / build_name(hand)
+    cache = _cmake_cache(folder)
+    options = [f"-D{key}={cache[key]}" for key in _KEPT if cache.get(key)]
+    options += ["-G", cache["CMAKE_GENERATOR"]] if "CMAKE_GENERATOR" in cache else []
+    with locked_folder(own):
+        copy = own / HAND_HEADER  # the model may be in a folder that goes
+        if not copy.is_file() or copy.read_bytes() != hand.read_bytes():
+            write_atomically(copy, hand.read_bytes())
+        configure = ["cmake", "-S", str(source), "-B", str(own), f"-DAMINN_HAND={copy}", *options]
+        what = f"building the runtime for hand {name_in(hand)}"
+        run_program(configure, what)
+        run_program(["cmake", "--build", str(own), "--target", "aminn_replay"], what)
+    return own
+
+
+def find_runtime(folder: Path, hand: Path | None = None) -> RuntimePlace:
     """The runtime in a build folder, or below the prefix that it was installed with.
 
+    It is compiled for the hand of the header `hand`, where one is given: from a build folder it is built for that, once
+    for each, in a folder below it; what is installed has to be for that hand.
     Raises AminnError that says what was looked for.
     """
     if (folder / "CMakeCache.txt").is_file():
         source, compiler = runtime_source(folder), _cmake_cache(folder).get("CMAKE_C_COMPILER", "cc")
+        own = Path(_cmake_cache(folder).get("AMINN_HAND", "") or source / "include" / HAND_HEADER)
+        if hand is not None and not same_build(hand, own):
+            folder, own = _built_for(source, folder, hand), hand
         replay, library = find_in(folder, "aminn_replay"), find_in(folder, "libaminn_rt.a")
-        return RuntimePlace(replay, library, source / "include", source / "tools", compiler)
+        return RuntimePlace(replay, library, source / "include", source / "tools", compiler, own)
     if not (folder / "bin" / "aminn_replay").is_file():
         raise AminnError(
             f"{folder}: neither a build folder of the C runtime (no CMakeCache.txt) nor a prefix that it is installed "
@@ -73,5 +112,10 @@ def find_runtime(folder: Path) -> RuntimePlace:
     missing += [] if (folder / "include" / "aminn_rt.h").is_file() else [str(folder / "include" / "aminn_rt.h")]
     if missing:
         raise AminnError(f"{folder}: {', '.join(missing)} is missing there; install the runtime again")
-    library = find_in(folder, "libaminn_rt.a")
-    return RuntimePlace(folder / "bin" / "aminn_replay", library, folder / "include", sources, "cc")
+    library, own = find_in(folder, "libaminn_rt.a"), folder / "include" / HAND_HEADER
+    if hand is not None and not same_build(hand, own):
+        raise AminnError(
+            f"{folder}: the runtime installed there is compiled for hand {name_in(own)}, the model is of "
+            f"{name_in(hand)}; compile it with -DAMINN_HAND={hand} and install that"
+        )
+    return RuntimePlace(folder / "bin" / "aminn_replay", library, folder / "include", sources, "cc", own)

@@ -9,20 +9,19 @@ from __future__ import annotations
 
 import functools
 import re
-import shutil
-import subprocess
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 from aminn_base.errors import AminnError
+from aminn_base.run import run_program
 
 from .firmware import BOARDS, build_firmware, run_firmware
+from .hand_header import header_beside
 from .runtime_place import REPLAY_SOURCES
 
 RUNTIME = Path(__file__).resolve().parents[4] / "runtime"
 DEBIAN_PACKAGES = "clang-14 qemu-user g++-aarch64-linux-gnu g++-riscv64-linux-gnu g++-powerpc-linux-gnu"
-TIMEOUT_S = 1800
 
 
 @dataclass(frozen=True)
@@ -64,16 +63,8 @@ TARGETS = (*HOSTED, *DISPATCHED, *BOARDS)
 
 
 def run(command: list[str], what: str) -> str:
-    """Output of a program. Raises AminnError with what it said if it failed or is not there."""
-    if shutil.which(command[0]) is None:
-        raise AminnError(f"{command[0]} is not installed; on Debian: apt-get install {DEBIAN_PACKAGES}")
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT_S)
-    except subprocess.TimeoutExpired as error:
-        raise AminnError(f"{what}: no end after {TIMEOUT_S} s") from error
-    if done.returncode:
-        raise AminnError(f"{what} failed with exit code {done.returncode}: {(done.stderr or done.stdout).strip()}")
-    return done.stdout
+    """`run_program` with what these targets need of Debian."""
+    return run_program(command, what, packages=DEBIAN_PACKAGES)
 
 
 @functools.cache
@@ -87,7 +78,9 @@ def own_options() -> tuple[str, ...]:
 def build_hosted(target: Hosted, model_dir: Path, prefix: str, build_dir: Path) -> Path:
     """Compile library, model and replay program; returns the program."""
     build_dir.mkdir(parents=True, exist_ok=True)
+    header = header_beside(model_dir)
     include = [f"-I{RUNTIME / 'include'}", f"-I{model_dir}"]
+    include += [f'-DAMINN_HAND_HEADER="{header}"'] if header else []
     model = [f'-DAMINN_REPLAY_HEADER="{prefix}.h"', f"-DAMINN_REPLAY_MODEL={prefix}"]
     flags = target.flags.split()
     jobs = [
@@ -106,9 +99,10 @@ def build_hosted(target: Hosted, model_dir: Path, prefix: str, build_dir: Path) 
     return program
 
 
-def build_library(build_dir: Path) -> Path:
-    """Build library and tools by CMake; returns the replay program, which takes a binary model."""
-    run(["cmake", "-S", str(RUNTIME), "-B", str(build_dir), "-DCMAKE_BUILD_TYPE=Release"], "cmake")
+def build_library(build_dir: Path, hand: Path | None) -> Path:
+    """Build library and tools by CMake, for a hand's header; returns the replay program, which takes a binary model."""
+    options = ["-DCMAKE_BUILD_TYPE=Release", f"-DAMINN_HAND={hand or ''}"]
+    run(["cmake", "-S", str(RUNTIME), "-B", str(build_dir), *options], "cmake")
     run(["cmake", "--build", str(build_dir), "--target", "aminn_replay"], "building the library")
     return build_dir / "aminn_replay"
 
@@ -134,7 +128,8 @@ def replay(name: str, model_dir: Path, prefix: str, vectors: Path, work: Path) -
         image = build_firmware(model_dir, work / "build", prefix, name)
         return out, run_firmware(image, vectors, out, name)
     if name in DISPATCHED:
-        command = [*DISPATCHED[name].split(), str(build_library(work / "build")), str(model_dir / f"{prefix}.bin")]
+        library = build_library(work / "build", header_beside(model_dir))
+        command = [*DISPATCHED[name].split(), str(library), str(model_dir / f"{prefix}.bin")]
         _check_self_test(run([*command, str(vectors), str(out)], f"replaying on {name}"), name)
         return out, {}
     target = HOSTED[name]
