@@ -16,7 +16,6 @@ from runtime_models import RandomModel, random_model  # noqa: E402
 from synthetic import hand, write_dataset  # noqa: E402
 
 from aminn.data.dataset import load_dataset  # noqa: E402
-from aminn.hand.nominal import nominal_from_hand  # noqa: E402
 from aminn.model.checkpoint import save_checkpoint  # noqa: E402
 from aminn.model.config import TrainConfig  # noqa: E402
 from aminn.model.network import Aminn, ModelConfig  # noqa: E402
@@ -61,7 +60,7 @@ def checkpoint_dir(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> 
     folder, data = tmp_path_factory.mktemp("checkpoint") / "aminn", load_dataset(data_dir)
     identity = identity_of(TrainConfig(), data.sha256)
     meta = {"tau": 0.5173, "identity": identity, "data": {}, "data_config_sha256": data.manifest["config_sha256"]}
-    save_checkpoint(folder, Aminn(ModelConfig(), nominal_from_hand(hand())), meta)
+    save_checkpoint(folder, Aminn(ModelConfig(), hand()), meta)
     return folder
 
 

@@ -191,8 +191,8 @@ def test_stiffness_is_the_dense_form_of_the_paper(exported: RandomModel) -> None
         k_q = values["k_spring"] + engaged[..., None, None] * d[..., :, None] * d[..., None, :]
         closure = (torch.as_tensor(x[k], dtype=torch.float64) for k in ("j_x", "j_q"))
         contact = torch.as_tensor(x["contacts"][..., 0], dtype=torch.float64)
-        config = MechanicsConfig(eps_m=meta["eps_m"][i], eps_kx=meta["eps_kx"][i])
-        dense = dense_stiffness(k_q, contact, *closure, config).numpy()
+        config, eps_m = MechanicsConfig(eps_kx=meta["eps_kx"][i]), torch.tensor(meta["eps_m"][i], dtype=torch.float64)
+        dense = dense_stiffness(k_q, contact, *closure, eps_m, config).numpy()
         difference = np.abs(out[f"{stage}_k_x"] - dense).max((1, 2)) / np.abs(dense).max((1, 2))
         print(f"{stage}: largest relative difference from the dense form {difference.max():.1e}")
         assert difference.max() < 1e-4

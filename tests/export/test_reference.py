@@ -11,7 +11,6 @@ import torch
 from runtime_models import random_inputs
 from synthetic import hand
 
-from aminn.hand.nominal import nominal_from_hand
 from aminn.model.checkpoint import load_checkpoint, save_checkpoint
 from aminn.model.config import MechanicsConfig
 from aminn.model.export_tables import export_tables
@@ -25,7 +24,7 @@ def test_oracle_equals_the_trainers_model(dq0: str, fade: bool, tmp_path: Path) 
     torch.manual_seed(0)
     mechanics = (MechanicsConfig(dq0=dq0), MechanicsConfig(eps_m=3e-4, eps_kx=2e-3, dq0=dq0))
     config = replace(ModelConfig(), mechanics=mechanics)
-    model = Aminn(config, nominal_from_hand(hand()))
+    model = Aminn(config, hand())
     for parameter in model.parameters():
         torch.nn.init.normal_(parameter, std=0.15)
     x = random_inputs(64, 2, fade)

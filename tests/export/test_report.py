@@ -123,12 +123,12 @@ def test_small_motions_are_drawn_larger() -> None:
 def test_forward_kinematics_agree_with_the_closure() -> None:
     """The fingertip's velocity is B qdot: finite differences of the drawn links against the columns of -J_q."""
     h, q, step = hand(), np.random.default_rng(3).uniform(0.2, 0.6, 8), 1e-6
-    tips = np.stack([branch_points(h, b, q)[2] for b in range(3)])
+    tips = np.stack([branch_points(h, b, q)[-1] for b in range(3)])
     _, j_q = closure(h, q, np.zeros(3), tips)
-    for b, joints in enumerate(h["branch_joints"]):
+    for b, joints in enumerate(h.coordinate_joints):
         for k, j in enumerate(joints):
             if j >= 0:
-                ahead = branch_points(h, b, q + step * (np.arange(8) == j))[2]
+                ahead = branch_points(h, b, q + step * (np.arange(8) == j))[-1]
                 np.testing.assert_allclose((ahead - tips[b]) / step, -j_q[b][:, k], atol=1e-6)
 
 

@@ -11,7 +11,6 @@ from aminn.data.dataset import Dataset
 from aminn.evaluation import analysis
 from aminn.evaluation.evaluate import Prediction, learned, noise_floor
 from aminn.hand.closure import closure
-from aminn.hand.nominal import nominal_from_hand
 from aminn.model.checkpoint import Checkpoint
 
 
@@ -23,7 +22,7 @@ def perfect(data: Dataset) -> Prediction:
 
 def test_closure_is_that_of_the_data(dataset: Dataset) -> None:
     s = dataset.samples
-    j_x, j_q = closure(nominal_from_hand(dataset.manifest["hand"]), s["q"], s["x_ht"], s["contacts"])
+    j_x, j_q = closure(dataset.hand, s["q"], s["x_ht"], s["contacts"])
     np.testing.assert_allclose(j_x, s["j_x"], atol=1e-12)
     np.testing.assert_allclose(j_q, s["j_q"], atol=1e-12)
 

@@ -13,7 +13,6 @@ import pytest
 from click.testing import CliRunner
 
 from aminn.data.dataset import Dataset
-from aminn.hand.dims import LENGTH_SCALE_M
 from aminn.model.checkpoint import Checkpoint
 from aminn.pages.explain import RING_M, SHIFT_M, as_text, draw, explain_sample, softest
 from aminn.pages.grasp_picture import GraspPicture, draw_grasp, load_legend, turning
@@ -23,7 +22,7 @@ from aminn_base.errors import AminnError
 
 def test_numbers_belong_together(runs: dict[str, Checkpoint], dataset: Dataset) -> None:
     e = explain_sample(runs["aminn"], dataset, 7)
-    s = np.repeat([1.0, 1.0 / LENGTH_SCALE_M], 3)
+    s = np.repeat([1.0, 1.0 / dataset.hand.length_m], 3)
     compliances, directions = e.principal()
     whole = directions @ np.diag(compliances) @ directions.T  # of the scaled stiffness
     np.testing.assert_allclose(s * (whole @ (s * e.row("w_e"))), e.dx, rtol=1e-3)
@@ -68,7 +67,7 @@ def test_softest_motions_are_those_of_the_stiffness(runs: dict[str, Checkpoint],
     motions[[4, 0, 1, 2], [0, 2, 3, 4]] = 1.0
     motions[3:, 1], motions[3:, 5] = oblique, np.cross(oblique, [0, 1.0, 0])
     compliances = np.array([9.0, 7.0, 5.0, 3.0, 2.0, 1.0]) * 1e-3
-    s = np.repeat([1.0, 1.0 / LENGTH_SCALE_M], 3)
+    s = np.repeat([1.0, 1.0 / dataset.hand.length_m], 3)
     k_x = motions @ np.diag(1 / compliances) @ motions.T / np.outer(s, s)
     e = replace(explain_sample(runs["aminn"], dataset, 7), k_x=k_x)
     found, origin = softest(e), e.row("x_ht")[:3]
@@ -89,7 +88,7 @@ def picture_of(dataset: Dataset, w_e: list[float]) -> GraspPicture:
     s = {name: dataset.samples[name][7] for name in ("q", "q_after", "x_ht", "dx_ht", "contacts")}
     grasp = int(dataset.grasp_rows()[7])
     shape = {name: dataset.grasps[name][grasp] for name in ("tool_geoms", "tool_size_m")}
-    return GraspPicture(hand=dataset.manifest["hand"], tool_family="capsule", w_e=np.array(w_e), **s, **shape)
+    return GraspPicture(hand=dataset.hand, tool_family="capsule", w_e=np.array(w_e), **s, **shape)
 
 
 @pytest.mark.parametrize(

@@ -30,8 +30,8 @@ def test_geodesic_angle_of_small_rotations_is_exact() -> None:
 
 def test_pose_error_units() -> None:
     zero, pred = np.zeros((2, 6)), np.array([[0.01, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0.1, 0]])
-    np.testing.assert_allclose(metrics.pose_error(pred, zero), [0.1, 0.1])
-    figures = metrics.displacement_figures(zero, pred)
+    np.testing.assert_allclose(metrics.pose_error(pred, zero, 0.1), [0.1, 0.1])
+    figures = metrics.displacement_figures(zero, pred, 0.1)
     assert figures["rmse_mm"] == pytest.approx(10 / np.sqrt(2))
     assert figures["rmse_deg"] == pytest.approx(np.rad2deg(0.1) / np.sqrt(2))
     assert figures["rmse_to_no_motion"] == pytest.approx(1)

@@ -40,7 +40,7 @@ def other_hand(data_dir: Path, tmp_path: Path) -> Path:
     folder = tmp_path / "other-hand"
     shutil.copytree(data_dir, folder)
     manifest = json.loads((folder / "manifest.json").read_text())
-    manifest["hand"]["link_a_m"][0][2] = 0.06
+    manifest["hand"]["branches"][0]["coordinates"][2]["anchor_m"][2] = 0.06
     (folder / "manifest.json").write_text(json.dumps(manifest))
     return folder
 
@@ -52,7 +52,7 @@ def test_export_takes_the_data_of_the_training_alone(
     export(run, tmp_path / "right", data_dir=data_dir)
     for data, message in (
         (other_seed, r"not trained on these data: .*another configuration or seed .*seed 1.*give the data set"),
-        (other_hand, r"another hand .*differ in link_a"),
+        (other_hand, r"another hand .*differ in anchor"),
     ):
         with pytest.raises(AminnError, match=message):
             export(run, tmp_path / "wrong", data_dir=data)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from synthetic import HANDS
 
 import aminn.training.train as train_module
 from aminn.data.dataset import Dataset
@@ -200,8 +201,8 @@ def test_weights_of_another_architecture_are_refused(runs: dict[str, Checkpoint]
 
 
 def test_another_hand_is_refused(runs: dict[str, Checkpoint], dataset: Dataset) -> None:
-    hand = dataset.manifest["hand"] | {"link_a_m": [[0, 0, 0.06]] * 3}
-    with pytest.raises(AminnError, match=r"another hand .*differ in link_a"):
+    hand = HANDS["asymmetric"].as_dict()
+    with pytest.raises(AminnError, match=r"another hand .*differ in chol, .*eps_m, .*anchor"):
         evaluate([runs["aminn"]], replace(dataset, manifest=dataset.manifest | {"hand": hand}))
 
 

@@ -94,11 +94,11 @@ def _example_grasp(result: Evaluation) -> GraspPicture:
 
     data, s = result.data, result.data.samples
     held = np.flatnonzero(s["stable"] > 0)
-    size = pose_size(s["dx_ht"][held])
+    size = pose_size(s["dx_ht"][held], data.hand.length_m)
     row = int(held[np.argmin(np.abs(size - np.quantile(size, 0.95)))])
     grasp = int(np.flatnonzero(data.grasps["grasp_id"] == s["grasp_id"][row])[0])
     return GraspPicture(
-        hand=data.manifest["hand"],
+        hand=data.hand,
         tool_family=data.manifest["tool_families"][int(data.grasps["tool_family"][grasp])],
         tool_geoms=data.grasps["tool_geoms"][grasp],
         tool_size_m=data.grasps["tool_size_m"][grasp],

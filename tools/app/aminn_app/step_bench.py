@@ -15,10 +15,9 @@ import numpy as np
 import torch
 
 from aminn.data.dataset import Dataset, load_dataset
-from aminn.hand.nominal import nominal_from_hand
 from aminn.model.checkpoint import build_model
 from aminn.model.config import Kind, TrainConfig
-from aminn.training.train import _Loop, _select, _stages
+from aminn.training.train import _Loop, _select, _stages, mirror_of
 from aminn_base.files import write_json
 from aminn_base.program import Messages
 
@@ -29,9 +28,10 @@ def _loops(kind: Kind, data: Dataset) -> list[_Loop]:
     """Both stages of a model, each with its optimiser."""
     config = TrainConfig(kind=kind, batch=BATCH, epochs=1000)
     torch.manual_seed(config.seed)
-    model = build_model(kind, config.model, nominal_from_hand(data.manifest["hand"]))
+    model = build_model(kind, config.model, data.hand)
     stages = _stages(model, config, data, data)
-    return [_Loop(stage, replace(config)) for stage in stages]
+    mirror = mirror_of(config, data.hand)
+    return [_Loop(stage, replace(config), mirror) for stage in stages]
 
 
 def _seconds(loop: _Loop) -> float:

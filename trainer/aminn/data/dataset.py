@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import io
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import h5py
@@ -19,10 +20,9 @@ from numpy.typing import NDArray
 from aminn_base.errors import AminnError
 from aminn_base.lock import read_shared
 from aminn_base.read import AnyPath, read_json, require
-from aminn_hand.flat import flat
-from aminn_hand.hand import Hand
+from aminn_hand import Hand
+from aminn_hand.hand import N_WRENCH
 
-from ..hand.dims import INPUT_SHAPES, N_JOINT, N_TENDON, N_WRENCH
 from ..hand.nominal import gated_tendons
 
 SCHEMA_VERSION = 3
@@ -35,40 +35,45 @@ MANIFEST_KEYS: dict[str, type] = {
     "tool_families": list,
 }
 SHARD_KEYS: dict[str, type] = {"file": str, "sha256": str, "n_samples": int, "n_grasps": int}
-HAND_KEYS: dict[str, type] = dict.fromkeys(
-    ("branches", "joints", "branch_joints", "base_m", "axis", "link_a_m", "link_b_m", "tip_radius_m", "tendons"), list
-) | {"joint_stiffness_Nm_rad": list}
-TENDON_KEYS: dict[str, type | tuple[type, ...]] = {"moment_arm_m": list, "stiffness_N_m": (int, float)}
 ANEW = "simulate the data set again"
 TAUT_N = 1e-3
 """Tension above which a tendon counts as taut."""
 SPLITS = ("train", "validation", "test")
 SPLIT_FRACTIONS = (0.70, 0.15, 0.15)
 
-# What the trainer reads of /samples, shape of one row. The manifest describes these and the rest.
-SAMPLE_SHAPES: dict[str, tuple[int, ...]] = INPUT_SHAPES | {
-    "dx_ht": (N_WRENCH,),
-    "q_after": (N_JOINT,),
-    "tendon_tension_after_N": (N_TENDON,),
-    "stable": (),
-    "grasp_id": (),
-}
-# Of /grasps and of /noise: load cases simulated again with half the time step and with another contact impedance ratio.
-GRASP_SHAPES: dict[str, tuple[int, ...]] = {
-    "grasp_id": (),
-    "tool_family": (),
-    "tool_size_m": (3,),
-    "tool_geoms": (3, 11),
-    "friction": (),
-    "tendon_tension_N": (N_TENDON,),
-}
-NOISE_SHAPES: dict[str, tuple[int, ...]] = {
-    "sample": (),
-    "dx_half_step": (N_WRENCH,),
-    "stable_half_step": (),
-    "dx_impratio": (N_WRENCH,),
-    "stable_impratio": (),
-}
+GROUPS = ("samples", "grasps", "noise")
+Shapes = dict[str, dict[str, tuple[int, ...]]]  # group -> field -> shape of one row
+
+
+def shapes_of(hand: Hand) -> Shapes:
+    """What the trainer reads of a shard. The manifest describes this and the rest.
+
+    /noise are load cases simulated again with half the time step and with another contact impedance ratio.
+    """
+    dims = hand.dims
+    samples = dims.inputs | {
+        "dx_ht": (N_WRENCH,),
+        "q_after": (dims.joints,),
+        "tendon_tension_after_N": (dims.tendons,),
+        "stable": (),
+        "grasp_id": (),
+    }
+    grasps: dict[str, tuple[int, ...]] = {
+        "grasp_id": (),
+        "tool_family": (),
+        "tool_size_m": (3,),
+        "tool_geoms": (3, 11),
+        "friction": (),
+        "tendon_tension_N": (dims.tendons,),
+    }
+    noise: dict[str, tuple[int, ...]] = {
+        "sample": (),
+        "dx_half_step": (N_WRENCH,),
+        "stable_half_step": (),
+        "dx_impratio": (N_WRENCH,),
+        "stable_impratio": (),
+    }
+    return {"samples": samples, "grasps": grasps, "noise": noise}
 
 
 @dataclass(frozen=True)
@@ -86,6 +91,11 @@ class Dataset:
     def __len__(self) -> int:
         return len(self.samples["stable"])
 
+    @cached_property
+    def hand(self) -> Hand:
+        """The hand that was simulated."""
+        return hand_of(self.manifest, "manifest")
+
     def take(self, index: NDArray) -> Dataset:
         """The samples that `index` (indices or a mask) selects; grasps stay whole."""
         return replace(self, samples={k: v[index] for k, v in self.samples.items()})
@@ -102,8 +112,10 @@ class Dataset:
         return self.take((split_of(ids) == SPLITS.index(name)) & (_draws(b"share %d", ids) < fraction))
 
     def taut(self) -> NDArray[np.bool_]:
-        """Whether the tendon that each branch's gate stands for is taut under load: (n, 3)."""
-        return self.samples["tendon_tension_after_N"][:, gated_tendons(self.manifest["hand"])] > TAUT_N
+        """Whether the tendon that each branch's gate stands for is taut under load: (n, B); no where there is none."""
+        tension, gated = self.samples["tendon_tension_after_N"], gated_tendons(self.hand)
+        taut = [tension[:, i] > TAUT_N if i >= 0 else np.zeros(len(self), bool) for i in gated]
+        return np.stack(taut, 1)
 
     def grasp_rows(self) -> NDArray[np.int64]:
         """For each sample, the row of its grasp in `grasps`."""
@@ -119,7 +131,7 @@ class Dataset:
 
     def inputs(self, dtype: torch.dtype = torch.float32) -> dict[str, torch.Tensor]:
         """Model inputs as tensors."""
-        return {k: torch.as_tensor(self.samples[k]).to(dtype) for k in INPUT_SHAPES}
+        return {k: torch.as_tensor(self.samples[k]).to(dtype) for k in self.hand.dims.inputs}
 
 
 def split_of(grasp_id: NDArray) -> NDArray[np.int64]:
@@ -152,12 +164,16 @@ def read_manifest(path: AnyPath) -> dict:
         if Path(shard["file"]).name != shard["file"]:
             name = shard["file"]
             raise AminnError(f"{file}: shards[{n}].file is {name!r}, expected a file beside the manifest; {ANEW}")
-    if "palm_normal" in manifest["hand"]:
-        manifest["hand"] = flat(Hand.from_dict(manifest["hand"]))
-    require(f"{file}: hand", manifest["hand"], HAND_KEYS, ANEW)
-    for n, tendon in enumerate(manifest["hand"]["tendons"]):
-        require(f"{file}: hand.tendons[{n}]", _table(file, f"hand.tendons[{n}]", tendon), TENDON_KEYS, ANEW)
+    hand_of(manifest, f"{file}")
     return manifest
+
+
+def hand_of(manifest: dict, source: str) -> Hand:
+    """The hand of a manifest. Raises AminnError where its description is damaged."""
+    try:
+        return Hand.from_dict(manifest["hand"])
+    except AminnError as error:
+        raise AminnError(f"{source}: {error}; {ANEW}") from error
 
 
 def _table(file: Path, place: str, value: object) -> dict:
@@ -166,11 +182,10 @@ def _table(file: Path, place: str, value: object) -> dict:
     return value
 
 
-GROUPS = {"samples": SAMPLE_SHAPES, "grasps": GRASP_SHAPES, "noise": NOISE_SHAPES}
 Shard = dict[str, dict[str, NDArray]]  # group -> field -> rows
 
 
-def _read_shard(folder: Path, entry: dict) -> Shard:
+def _read_shard(folder: Path, entry: dict, groups: Shapes) -> Shard:
     path = folder / entry["file"]
     if not path.is_file():
         raise AminnError(f"{path}: the manifest names this shard, but it is missing; run the simulation again")
@@ -186,7 +201,7 @@ def _read_shard(folder: Path, entry: dict) -> Shard:
         found = {len(np.atleast_1d(values)) for values in shard[group].values()}
         if found != {entry[key]}:
             raise AminnError(f"{path}: /{group} has {_rows(found)} rows, the manifest says {entry[key]}; {ANEW}")
-    for group, shapes in GROUPS.items():
+    for group, shapes in groups.items():
         rows = None
         for name, shape in shapes.items():
             if name not in shard[group]:
@@ -242,7 +257,8 @@ def load_dataset(path: AnyPath) -> Dataset:
     """Read and check the data set in folder `path`. Raises AminnError with the file and field that is wrong."""
     path = Path(path)
     manifest = read_manifest(path)
-    shards = [_read_shard(path, entry) for entry in manifest["shards"]]
+    groups = shapes_of(hand_of(manifest, str(path)))
+    shards = [_read_shard(path, entry, groups) for entry in manifest["shards"]]
     if not shards:
         raise AminnError(f"{path}: the data set has no shards")
     _check_together(path, manifest, shards)
@@ -260,7 +276,7 @@ def load_dataset(path: AnyPath) -> Dataset:
     family = grasps["tool_family"]
     if len(family) and not (0 <= family.min() and family.max() < len(manifest["tool_families"])):
         raise AminnError(f"{path}: /grasps/tool_family is outside of the manifest's tool_families; {ANEW}")
-    for name in SAMPLE_SHAPES:
+    for name in groups["samples"]:
         bad = ~np.isfinite(samples[name].reshape(len(samples[name]), -1).astype(float)).all(1)
         if bad.any():
             where = f"sample {int(np.argmax(bad))} ({int(bad.sum())} such samples)"

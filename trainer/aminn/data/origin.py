@@ -7,14 +7,13 @@ the training.
 
 from __future__ import annotations
 
-from dataclasses import asdict
-
 import numpy as np
 from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError
+from aminn_hand import Hand
 
-from ..hand.nominal import nominal_from_hand
+from ..hand.nominal import nominal_of
 from ..model.checkpoint import Checkpoint
 from .dataset import Dataset
 from .regimes import known
@@ -22,13 +21,25 @@ from .regimes import known
 
 def check_hand(checkpoint: Checkpoint, data: Dataset) -> None:
     """Raises AminnError if the data are of another hand than the model."""
-    mine, other = asdict(checkpoint.model.nominal), asdict(nominal_from_hand(data.manifest["hand"]))
-    wrong = [name for name, value in mine.items() if not np.allclose(value, other[name], rtol=1e-5, atol=1e-9)]
+    wrong = differences(checkpoint.model.hand, data.hand)
     if wrong:
         raise AminnError(
             f"{checkpoint.path}: trained for another hand than that of the data set (they differ in "
             f"{', '.join(wrong)}); give data of its own hand"
         )
+
+
+def differences(mine: Hand, other: Hand) -> list[str]:
+    """In what two hands differ for a model: names, dimensions, or the mechanics layer's constants."""
+    if mine.joints != other.joints or [b.name for b in mine.branches] != [b.name for b in other.branches]:
+        return ["branches and joints"]
+    constants, others = vars(nominal_of(mine)), vars(nominal_of(other))
+    wrong = [name for name, v in constants.items() if not np.allclose(v, others[name], rtol=1e-5, atol=1e-9)]
+    if mine.branch_joints != other.branch_joints:
+        wrong.append("joints of a branch")
+    if mine.length_m != other.length_m:
+        wrong.append("length_m")
+    return wrong
 
 
 def same_configuration(checkpoint: Checkpoint, data: Dataset) -> bool:

@@ -42,15 +42,17 @@ def told(data: Dataset, secret: str) -> Dataset:
     """The data with what no sensor of the hand tells among the inputs: where it stands, the tool's orientation is lost.
 
     The mechanics layer has no use for the orientation, and the contacts say most of it. "friction" is the coefficient,
-    "pretension" the tension of the gated tendons before the load (over 20 N).
+    "pretension" the tension of the first three gated tendons before the load (over 20 N).
     """
     if not secret:
         return data
     rows, x_ht = data.grasp_rows(), data.samples["x_ht"].copy()
-    gated = gated_tendons(data.manifest["hand"])
+    gated = gated_tendons(data.hand)
+    if secret == "pretension" and (len(gated) < 3 or min(gated[:3]) < 0):
+        raise AminnError(f"hand {data.hand.name} has no three gated tendons whose pretension could be told")
     values = {
         "friction": np.repeat(data.grasps["friction"][rows, None], 3, axis=1),
-        "pretension": data.grasps["tendon_tension_N"][rows][:, gated] / 20.0,
+        "pretension": data.grasps["tendon_tension_N"][rows][:, gated[:3]] / 20.0,
     }
     x_ht[:, 3:] = values[secret]
     return replace(data, samples=data.samples | {"x_ht": x_ht}, selection=f"{data.selection}, {secret} told")

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from ..data.dataset import Dataset
 from ..hand.closure import closure, fingertips
-from ..hand.dims import LENGTH_SCALE_M, N_JOINT
-from ..hand.nominal import nominal_from_hand
+from ..hand.nominal import gated_tendons
 from ..model.checkpoint import Checkpoint
 from .evaluate import Prediction, figures_of, learned
 from .metrics import auroc, pose_error, pose_size
@@ -34,24 +33,27 @@ SMALL_LOADS = 0.1
 """Share of the load cases that counts as the small-load regime."""
 
 
-def load_size(w_e: Array) -> Array:
-    """Size (n) of loads (n, 6) in N, moments divided by 0.1 m."""
-    return np.hypot(np.linalg.norm(w_e[:, :3], axis=1), np.linalg.norm(w_e[:, 3:], axis=1) / LENGTH_SCALE_M)
+def load_size(w_e: Array, length_m: float) -> Array:
+    """Size (n) of loads (n, 6) in N, moments divided by L."""
+    return np.hypot(np.linalg.norm(w_e[:, :3], axis=1), np.linalg.norm(w_e[:, 3:], axis=1) / length_m)
 
 
 def groups(data: Dataset) -> Iterator[tuple[str, Mask]]:
     """(name, mask) of every group of load cases: by size and direction of the load, by tool, by tendon regime."""
     w = data.samples["w_e"]
-    size, edges = load_size(w), (0.0, *MAGNITUDE_EDGES_N, np.inf)
+    size, edges = load_size(w, data.hand.length_m), (0.0, *MAGNITUDE_EDGES_N, np.inf)
     for k in range(len(edges) - 1):
         yield f"load{k}", (size >= edges[k]) & (size < edges[k + 1])
-    main = np.abs(w / np.repeat([1.0, LENGTH_SCALE_M], 3)).argmax(1)
+    main = np.abs(w / np.repeat([1.0, data.hand.length_m], 3)).argmax(1)
     for k, name in enumerate(DIRECTIONS):
         yield name, main == k
     family = data.grasps["tool_family"][data.grasp_rows()]
     for k, name in enumerate(data.manifest["tool_families"]):
         yield f"tool_{name}", family == k
-    slack = (~data.taut()).sum(1)
+    gated = [i >= 0 for i in gated_tendons(data.hand)]
+    if not any(gated):
+        return
+    slack = (~data.taut()[:, gated]).sum(1)
     yield from (("tendons_taut", slack == 0), ("tendons_slack_1", slack == 1), ("tendons_slack_more", slack > 1))
 
 
@@ -83,13 +85,13 @@ def turned(r: Array, rotvec: Array) -> Array:
 
 
 def contact_slip(data: Dataset) -> Array:
-    """How far each contact slid by the end of the load (n, 3), m: what the tool's point and the finger's point at the
+    """How far each contact slid by the end of the load (n, B), m: what the tool's point and the finger's point at the
     contact before the load are apart in its tangent plane afterwards, the finger as its joint angles say."""
-    s, nominal = data.samples, nominal_from_hand(data.manifest["hand"])
+    s = data.samples
     contacts, dx = s["contacts"], s["dx_ht"]
     r = contacts[..., 1:4] - s["x_ht"][:, None, :3]
     tool = s["x_ht"][:, None, :3] + dx[:, None, :3] + turned(r, dx[:, None, 3:])
-    gap = tool - fingertips(nominal, s["q"], s["q_after"], contacts[..., 1:4])
+    gap = tool - fingertips(data.hand, s["q"], s["q_after"], contacts[..., 1:4])
     normal = contacts[..., 4:7]
     return contacts[..., 0] * np.linalg.norm(gap - (gap * normal).sum(-1, keepdims=True) * normal, axis=-1)
 
@@ -97,7 +99,7 @@ def contact_slip(data: Dataset) -> Array:
 def squared_errors(prediction: Prediction, data: Dataset) -> Array:
     """Squared pose error (n) of the truly stable cases, 0 of the others."""
     s = data.samples
-    return np.where(s["stable"] > 0, pose_error(prediction.dx, s["dx_ht"]) ** 2, 0.0)
+    return np.where(s["stable"] > 0, pose_error(prediction.dx, s["dx_ht"], data.hand.length_m) ** 2, 0.0)
 
 
 def squared_error_shares(prediction: Prediction, data: Dataset) -> dict[str, float]:
@@ -110,7 +112,7 @@ def squared_error_shares(prediction: Prediction, data: Dataset) -> dict[str, flo
 def slip_figures(prediction: Prediction, data: Dataset) -> dict[str, float]:
     """The part in the squared error of large motions, and of cases in which a contact slid."""
     stable, squares = data.samples["stable"] > 0, squared_errors(prediction, data)
-    moving = stable & (pose_size(data.samples["dx_ht"]) >= 0.08)
+    moving = stable & (pose_size(data.samples["dx_ht"], data.hand.length_m) >= 0.08)
     slid = stable & (contact_slip(data).max(1) > SLID_M)
     return {
         "error_share_large_motions": float(squares[moving].sum() / squares.sum()),
@@ -122,11 +124,12 @@ def slip_figures(prediction: Prediction, data: Dataset) -> dict[str, float]:
 
 
 def gate_figures(prediction: Prediction, data: Dataset) -> dict[str, float]:
-    """Predicted engagement against the simulated tendons, over the branches of truly stable cases."""
-    if prediction.gate is None:
+    """Predicted engagement against the simulated tendons, over the gated branches of truly stable cases."""
+    gated = [i >= 0 for i in gated_tendons(data.hand)]
+    if prediction.gate is None or not any(gated):
         return {}
     stable = data.samples["stable"] > 0
-    taut, gate = data.taut()[stable], prediction.gate[stable]
+    taut, gate = data.taut()[stable][:, gated], prediction.gate[stable][:, gated]
     return {
         "gate_auroc": auroc(gate.ravel(), taut.ravel()),
         "gate_taut_share": float(taut.mean()),
@@ -140,12 +143,12 @@ def compliance_figures(prediction: Prediction, data: Dataset) -> dict[str, float
 
     A load case tells K_x along its own wrench: the compliance is w.dx / |w|^2. Beside it the error of the whole motion.
     """
-    s = data.samples
-    size = load_size(s["w_e"])
+    s, length_m = data.samples, data.hand.length_m
+    size = load_size(s["w_e"], length_m)
     small = (size <= np.quantile(size, SMALL_LOADS)) & (s["stable"] > 0)
     w, true, dx = (v[small] for v in (s["w_e"], s["dx_ht"], prediction.dx))
     work, predicted = (w * true).sum(1), (w * dx).sum(1)
-    moved = pose_error(dx, true) / np.maximum(pose_size(true), 1e-9)
+    moved = pose_error(dx, true, length_m) / np.maximum(pose_size(true, length_m), 1e-9)
     error = np.abs(predicted - work) / np.maximum(np.abs(work), 1e-15)
     return {
         "small_load_n": int(small.sum()),
@@ -179,7 +182,7 @@ def with_noise(data: Dataset, noise: SensorNoise, seed: int = 0) -> Dataset:
     """The samples as noisy sensors would give them; the closure follows from the noisy readings."""
     rng, s = np.random.default_rng(seed), dict(data.samples)
     n = len(data)
-    s["q"] = s["q"] + noise.joint_rad * rng.normal(size=(n, N_JOINT))
+    s["q"] = s["q"] + noise.joint_rad * rng.normal(size=s["q"].shape)
     w, parts = s["w_e"].copy(), ((slice(0, 3), noise.force_N), (slice(3, 6), 0.02 * noise.force_N))
     for part, absolute in parts:
         size = np.linalg.norm(w[:, part], axis=1, keepdims=True)
@@ -192,7 +195,7 @@ def with_noise(data: Dataset, noise: SensorNoise, seed: int = 0) -> Dataset:
     c[..., 4:7] = np.where(touching[..., None], unit, c[..., 4:7])
     c[..., 7] = np.maximum(c[..., 7] * (1 + noise.force * rng.normal(size=touching.shape)), 0) * touching
     s["w_e"], s["contacts"] = w, c
-    s["j_x"], s["j_q"] = closure(nominal_from_hand(data.manifest["hand"]), s["q"], s["x_ht"], c)
+    s["j_x"], s["j_q"] = closure(data.hand, s["q"], s["x_ht"], c)
     return Dataset(data.manifest, s, data.grasps, data.noise, data.selection)
 
 

@@ -14,7 +14,6 @@ from aminn_base.errors import AminnError
 
 from ..data.dataset import Dataset
 from ..data.origin import check_hand, same_configuration, states_of, training_set
-from ..hand.nominal import nominal_from_hand
 from ..model.checkpoint import Checkpoint
 from ..model.config import ModelConfig
 from ..model.network import Backbone, scaled_pose
@@ -42,7 +41,7 @@ class Prediction:
     dx: Array  # (n, 6)
     stable: NDArray[np.bool_]  # (n,)
     p_stable: Array | None = None  # (n,), of models that give a probability
-    gate: Array | None = None  # (n, 3), of AMINN
+    gate: Array | None = None  # (n, B), of AMINN
 
 
 @dataclass(frozen=True)
@@ -115,15 +114,15 @@ def analytical(data: Dataset, validation: Dataset, config: ModelConfig | None = 
     Calls a grasp stable when the predicted motion is below a bound chosen on validation data by the same rule as tau.
     """
     config = config or ModelConfig()
-    backbone = Backbone(config, config.mechanics[1], nominal_from_hand(data.manifest["hand"]))
+    backbone = Backbone(config, config.mechanics[1], data.hand)
 
     def motion(part: Dataset) -> tuple[Array, Array]:
         with torch.no_grad():
             dx = backbone.nominal_response(part.inputs()).dx
-        return dx.double().numpy(), -scaled_pose(dx).norm(dim=1).double().numpy()
+        return dx.double().numpy(), -scaled_pose(dx, data.hand.length_m).norm(dim=1).double().numpy()
 
     dx_v, score_v = motion(validation)
-    error_v = pose_error(dx_v, validation.samples["dx_ht"])
+    error_v = pose_error(dx_v, validation.samples["dx_ht"], data.hand.length_m)
     bound = choose_tau(score_v, validation.samples["stable"] > 0, error_v)
     dx, score = motion(data)
     return Prediction("analytical", dx, score >= bound)
@@ -142,7 +141,7 @@ def label_figures(data: Dataset) -> dict[str, float]:
         "n_samples": len(data),
         "n_grasps": len(np.unique(s["grasp_id"])),
         "stable_share": float(stable.mean()),
-        "motion_rms": float(np.sqrt(np.mean(pose_size(s["dx_ht"][stable]) ** 2))),
+        "motion_rms": float(np.sqrt(np.mean(pose_size(s["dx_ht"][stable], data.hand.length_m) ** 2))),
         "motion_median_mm": 1e3 * float(np.median(np.linalg.norm(s["dx_ht"][stable][:, :3], axis=1))),
         "passivity_violation_translational": violation_rate(s["w_e"], s["dx_ht"], stable, False),
         "passivity_violation_full": violation_rate(s["w_e"], s["dx_ht"], stable, True),
@@ -161,7 +160,9 @@ def noise_floor(data: Dataset) -> dict[str, float]:
     for setting, prefix in (("half_step", "noise_floor_"), ("impratio", "noise_floor_impratio_")):
         held = data.noise[f"stable_{setting}"][rows] > 0
         both = held & (s["stable"][again] > 0)
-        errors = displacement_figures(data.noise[f"dx_{setting}"][rows][both], s["dx_ht"][again][both])
+        errors = displacement_figures(
+            data.noise[f"dx_{setting}"][rows][both], s["dx_ht"][again][both], data.hand.length_m
+        )
         kept = ("rmse_pose", "relative_error_median", "relative_error_p90")
         figures |= {prefix + name: errors[name] for name in kept}
         figures[prefix + "n"] = int(both.sum())
@@ -225,7 +226,7 @@ def figures_of(p: Prediction, data: Dataset) -> dict[str, float]:
     """Every figure of one model's predictions on `data`."""
     s = data.samples
     stable = s["stable"] > 0
-    figures = all_figures(s["w_e"], s["dx_ht"], stable, p.dx, p.stable)
+    figures = all_figures(s["w_e"], s["dx_ht"], stable, p.dx, p.stable, data.hand.length_m)
     return figures | (calibration_figures(p.p_stable, stable) if p.p_stable is not None else {})
 
 

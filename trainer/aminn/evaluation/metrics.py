@@ -1,7 +1,8 @@
 """Figures of merit: F1, pose error, relative error, passivity. Plain numpy on float64; units in the names.
 
 Displacements are (n, 6): translation (m), rotation vector (rad). The pose error of a sample is
-sqrt(|dp|^2 / L^2 + theta^2) with L = 0.1 m and theta the geodesic angle between the two rotations.
+sqrt(|dp|^2 / L^2 + theta^2) with the hand's characteristic length L (`length_m`) and theta the geodesic angle between
+the two rotations.
 """
 
 from __future__ import annotations
@@ -11,8 +12,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-
-from ..hand.dims import LENGTH_SCALE_M
 
 
 class Column(NamedTuple):
@@ -41,7 +40,7 @@ truly and predicted stable."""
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# Edges of |dx| (pose size, dimensionless) by which RMSE is broken down: 0.5 mm, 2 mm and 8 mm of pure translation.
+# Edges of |dx| (pose size, dimensionless) by which RMSE is broken down: at L = 0.1 m 0.5, 2 and 8 mm of translation.
 SIZE_EDGES = (0.005, 0.02, 0.08)
 
 
@@ -59,17 +58,17 @@ def geodesic_angle(a: Array, b: Array) -> Array:
     return 2 * np.arctan2(np.linalg.norm(vector, axis=-1), np.abs(scalar))
 
 
-def pose_size(dx: Array) -> Array:
+def pose_size(dx: Array, length_m: float) -> Array:
     """Size (n) of displacements (n, 6): sqrt(|dp|^2 / L^2 + |rotation|^2)."""
     return np.hypot(
-        np.linalg.norm(dx[:, :3], axis=1) / LENGTH_SCALE_M,
+        np.linalg.norm(dx[:, :3], axis=1) / length_m,
         geodesic_angle(dx[:, 3:], np.zeros_like(dx[:, 3:])),
     )
 
 
-def pose_error(pred: Array, true: Array) -> Array:
+def pose_error(pred: Array, true: Array, length_m: float) -> Array:
     """Pose error (n) of each sample."""
-    translation = np.linalg.norm(pred[:, :3] - true[:, :3], axis=1) / LENGTH_SCALE_M
+    translation = np.linalg.norm(pred[:, :3] - true[:, :3], axis=1) / length_m
     return np.hypot(translation, geodesic_angle(pred[:, 3:], true[:, 3:]))
 
 
@@ -138,9 +137,9 @@ def _quantile(v: Array, q: float) -> float:
     return float(np.quantile(v, q)) if len(v) else float("nan")
 
 
-def displacement_figures(pred: Array, true: Array) -> dict[str, float]:
+def displacement_figures(pred: Array, true: Array, length_m: float) -> dict[str, float]:
     """Errors over the samples given: RMSE_pose, in mm and degrees, beside no motion, relative errors, RMSE by size."""
-    error, size = pose_error(pred, true), pose_size(true)
+    error, size = pose_error(pred, true, length_m), pose_size(true, length_m)
     relative = error / np.maximum(size, 1e-9)
     figures = {
         "rmse_pose": rms(error),
@@ -158,7 +157,9 @@ def displacement_figures(pred: Array, true: Array) -> dict[str, float]:
     return figures
 
 
-def all_figures(w_e: Array, dx_true: Array, stable_true: Mask, dx_pred: Array, stable_pred: Mask) -> dict[str, float]:
+def all_figures(
+    w_e: Array, dx_true: Array, stable_true: Mask, dx_pred: Array, stable_pred: Mask, length_m: float
+) -> dict[str, float]:
     """Every figure of one model on one split.
 
     `rmse_*` are over samples truly stable and predicted stable; the same with `_all` are over all truly stable ones.
@@ -171,8 +172,8 @@ def all_figures(w_e: Array, dx_true: Array, stable_true: Mask, dx_pred: Array, s
         "recall": recall,
         "predicted_stable": int(stable_pred.sum()),
     }
-    figures |= displacement_figures(dx_pred[both], dx_true[both])
-    on_all = displacement_figures(dx_pred[stable_true], dx_true[stable_true])
+    figures |= displacement_figures(dx_pred[both], dx_true[both], length_m)
+    on_all = displacement_figures(dx_pred[stable_true], dx_true[stable_true], length_m)
     figures |= {f"{name}_all": value for name, value in on_all.items()}
     for name, full in (("translational", False), ("full", True)):
         figures[f"passivity_violation_{name}"] = violation_rate(w_e, dx_pred, stable_pred, full)

@@ -1,98 +1,71 @@
-"""The hand's nominal mechanics as the manifest of a data set gives it, in the form of the mechanics layer.
+"""A hand's nominal mechanics in the form of the mechanics layer: matrices over branch coordinates, right-aligned.
 
-A branch has two tendons, the layer one gated tendon a branch. The gated one is the proximal flexor, which loads do
-slacken; the tendon that crosses the distal joint stays taut in every stable grasp, so its stiffness goes into the
-springs. That is exact while both tendons are taut.
+The layer has one gated tendon a branch, the one that loads do slacken (`Branch.gated_tendon`). All others go into the
+springs, as couplings and servos do; that is exact while they are taut.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError
-
-from .dims import BRANCH_JOINTS, N_BRANCH, N_COORD
+from aminn_hand import Branch, Hand
 
 Array = NDArray[np.float64]
-# Packed order of a 3x3 lower Cholesky factor in the model: diagonal first, then 10, 20, 21.
-CHOL_ROWS = (0, 1, 2, 1, 2, 2)
-CHOL_COLS = (0, 1, 2, 0, 0, 1)
 
 
 @dataclass(frozen=True)
 class Nominal:
-    """Nominal mechanics and geometry of a hand; coordinates of a branch are roll, proximal, distal."""
+    """Nominal mechanics of a hand of B branches and C coordinates; a shorter branch lacks the first ones."""
 
-    chol: Array  # (3, 6) packed Cholesky factor of the nominal springs; 1 on the diagonal where a coordinate is absent
-    tendon_dir: Array  # (3, 3) unit
-    tendon_gain: Array  # (3,) N.m/rad
-    coord_mask: Array  # (3, 3) 1 where the branch has the coordinate
-    base: Array  # (3, 3) m, where the roll and proximal axes of a branch meet
-    axis: Array  # (3, 3, 3) unit joint axes at q = 0; zeros where absent
-    link_a: Array  # (3, 3) m, base to distal joint at q = 0
-
-
-NOMINAL_SHAPES: dict[str, tuple[int, ...]] = {
-    "chol": (N_BRANCH, 6),
-    "tendon_dir": (N_BRANCH, N_COORD),
-    "tendon_gain": (N_BRANCH,),
-    "coord_mask": (N_BRANCH, N_COORD),
-    "base": (N_BRANCH, 3),
-    "axis": (N_BRANCH, N_COORD, 3),
-    "link_a": (N_BRANCH, 3),
-}
+    chol: Array  # (B, C(C+1)/2) packed Cholesky factor of the nominal springs; 1 on the diagonal where absent
+    tendon_dir: Array  # (B, C) unit; 0 where a branch has no gated tendon
+    tendon_gain: Array  # (B,) N.m/rad; 0 where a branch has no gated tendon
+    coord_mask: Array  # (B, C) 1 where the branch has the coordinate
+    eps_m: Array  # (B,) compliance of each contact, m/N
+    axis: Array  # (B, C, 3) unit joint axes, H, at q = 0; 0 where absent
+    anchor: Array  # (B, C, 3) m, a point on each axis, H, at q = 0; 0 where absent
 
 
-def _tendons_of(hand: dict, branch: int) -> list[tuple[Array, float]]:
-    """(moment arms (3) m, stiffness N/m) of a branch's tendons; `branch` is an index or a name in the manifest."""
-    name = hand["branches"][branch]
-    mine = [t for t in hand["tendons"] if t["branch"] in (branch, name)]
-    return [(np.asarray(t["moment_arm_m"], float), float(t["stiffness_N_m"])) for t in mine]
+def gated_tendons(hand: Hand) -> list[int]:
+    """For each branch, where the tendon that the model's gate stands for is among all tendons; -1 where it has none."""
+    starts = accumulate((len(b.tendons) for b in hand.branches), initial=0)
+    gated = (b.gated_tendon for b in hand.branches)
+    return [-1 if i is None else start + i for start, i in zip(starts, gated, strict=False)]
 
 
-def gated_tendons(hand: dict) -> list[int]:
-    """For each branch, the number in `hand["tendons"]` of the tendon that the model's gate stands for."""
-    gated = []
-    for b, name in enumerate(hand["branches"]):
-        mine = [i for i, t in enumerate(hand["tendons"]) if t["branch"] in (b, name)]
-        gated.append(min(mine, key=lambda i: abs(hand["tendons"][i]["moment_arm_m"][-1])))
-    return gated
+def nominal_of(hand: Hand) -> Nominal:
+    """The layer's constants. Raises AminnError for a branch whose springs do not hold it."""
+    n, width = hand.dims.branches, hand.dims.coordinates
+    rows, cols = np.transpose(hand.dims.cholesky_entries)
+    chol, axis, anchor = np.zeros((n, len(rows))), np.zeros((n, width, 3)), np.zeros((n, width, 3))
+    direction, gain = np.zeros((n, width)), np.zeros(n)
+    for b, branch in enumerate(hand.branches):
+        own = slice(width - len(branch.coordinates), width)
+        axis[b, own] = [c.axis for c in branch.coordinates]
+        anchor[b, own] = [c.anchor_m for c in branch.coordinates]
+        gated = branch.gated_tendon
+        springs = np.eye(width)
+        springs[own, own] = branch.stiffness([i != gated for i in range(len(branch.tendons))])
+        chol[b] = _cholesky(hand, branch, springs)[rows, cols]
+        if gated is not None:
+            arm = np.zeros(width)
+            arm[own] += branch.tendons[gated].arm_m
+            gain[b] = branch.tendons[gated].stiffness_N_m * arm @ arm
+            direction[b] = -arm / np.linalg.norm(arm)  # a flexor is stretched where its joints extend
+    eps_m = np.array([b.eps_m for b in hand.branches])
+    return Nominal(chol, direction, gain, hand.coordinate_mask, eps_m, axis, anchor)
 
 
-def nominal_from_hand(hand: dict) -> Nominal:
-    """Read the `hand` entry of a manifest. Raises AminnError if it does not describe a three-branch hand."""
+def _cholesky(hand: Hand, branch: Branch, springs: Array) -> Array:
     try:
-        nominal = _nominal_from_hand(hand)
-    except (KeyError, IndexError, TypeError, ValueError) as error:  # LinAlgError is a ValueError
-        raise AminnError(f"manifest: hand is damaged ({type(error).__name__}: {error}); simulate again") from error
-    for name, shape in NOMINAL_SHAPES.items():
-        found = getattr(nominal, name)
-        if found.shape != shape or not np.isfinite(found).all():
-            raise AminnError(f"manifest: hand gives {name} of shape {found.shape}, expected {shape} finite numbers")
-    return nominal
-
-
-def _nominal_from_hand(hand: dict) -> Nominal:
-    joints = tuple(tuple(row) for row in hand["branch_joints"])
-    if joints != BRANCH_JOINTS:
-        raise AminnError(f"manifest: hand.branch_joints is {joints}, this version knows {BRANCH_JOINTS} alone")
-    mask = (np.asarray(BRANCH_JOINTS) >= 0).astype(float)
-    chol, directions, gains = np.zeros((N_BRANCH, 6)), np.zeros((N_BRANCH, N_COORD)), np.zeros(N_BRANCH)
-    for b in range(N_BRANCH):
-        k_spring = np.diag(np.where(mask[b] > 0, np.asarray(hand["joint_stiffness_Nm_rad"][b], float), 1.0))
-        tendons = _tendons_of(hand, b)
-        if not tendons:
-            raise AminnError(f"manifest: hand.tendons has none for branch {hand['branches'][b]}")
-        gated = min(range(len(tendons)), key=lambda i: abs(tendons[i][0][-1]))
-        for i, (arm, stiffness) in enumerate(tendons):
-            if i == gated:
-                gains[b] = stiffness * arm @ arm
-                directions[b] = -arm / np.linalg.norm(arm)  # a flexor is stretched where its joints extend
-            else:
-                k_spring += stiffness * np.outer(arm, arm)
-        chol[b] = np.linalg.cholesky(k_spring)[CHOL_ROWS, CHOL_COLS]
-    geometry = (np.asarray(hand[k], float) for k in ("base_m", "axis", "link_a_m"))
-    return Nominal(chol, directions, gains, mask, *geometry)
+        return np.asarray(np.linalg.cholesky(springs), float)
+    except np.linalg.LinAlgError as error:
+        raise AminnError(
+            f"hand {hand.name}: the springs of branch {branch.name} do not hold it once its gated tendon is slack; "
+            "give its joints springs, or tell the gain of what holds them"
+        ) from error

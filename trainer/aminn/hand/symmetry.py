@@ -1,7 +1,7 @@
 """Mirror images of grasps: what the hand's own symmetry says of a load case, said of its mirror image.
 
-The palm's plane x = 0 carries finger 1 onto finger 2 and the thumb onto itself. Polar vectors (positions, forces)
-change sign in x, axial ones (rotations, moments) in y and z; joint angles stay, since an axis that is mirrored and
+The plane of `hand.mirror` carries each branch onto one of the hand's. Polar vectors (positions, forces) are reflected
+in it, axial ones (rotations, moments) reflected and reversed; joint angles stay, since an axis that is mirrored and
 reversed turns the mirrored finger the same way.
 """
 
@@ -9,56 +9,98 @@ from __future__ import annotations
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from aminn_base.errors import AminnError
+from aminn_hand import Hand
+from aminn_hand.hand import N_WRENCH
 
-from .dims import BRANCH_JOINTS, N_BRANCH, N_WRENCH
-from .nominal import Nominal
+from .nominal import nominal_of
 
-POLAR = (-1.0, 1.0, 1.0)
-AXIAL = (1.0, -1.0, -1.0)
-MOTION = POLAR + AXIAL
-CONTACT = (1.0, *POLAR, *POLAR, 1.0)
-BRANCHES = (1, 0, 2)
-JOINTS = tuple(joint for branch in BRANCHES for joint in BRANCH_JOINTS[branch] if joint >= 0)
+Array = NDArray[np.float64]
 
 
-def check_symmetric(nominal: Nominal) -> None:
-    """Raise AminnError unless the hand is its own mirror image."""
-    swap, polar, axial = list(BRANCHES), np.array(POLAR), np.array(AXIAL)
+class Reflection:
+    """The mirror image of a symmetric hand's load cases. Raises AminnError for a hand that is not symmetric."""
+
+    def __init__(self, hand: Hand) -> None:
+        if hand.mirror is None:
+            raise AminnError(
+                f"hand {hand.name} has no mirror symmetry that its load cases could be shown in; leave mirror out"
+            )
+        _check(hand)
+        n = np.array(hand.mirror.normal)
+        self.polar: Array = np.eye(3) - 2 * np.outer(n, n)
+        """(3, 3)"""
+        self.axial: Array = -self.polar
+        """(3, 3)"""
+        self.branches = list(hand.mirror.branches)
+        """(B) branch that each branch is the image of."""
+        self.joints = [j for b in self.branches for j in range(len(hand.joints))[hand.branch_joints[b]]]
+        """(J) joint that each joint is the image of."""
+
+    def _polar(self, v: Tensor) -> Tensor:
+        return _reflected(v, self.polar)
+
+    def _axial(self, v: Tensor) -> Tensor:
+        return _reflected(v, self.axial)
+
+    def motion(self, v: Tensor) -> Tensor:
+        """Images of motions, poses or wrenches (..., 6)."""
+        return torch.cat([self._polar(v[..., :3]), self._axial(v[..., 3:])], -1)
+
+    def inputs(self, x: dict[str, Tensor]) -> dict[str, Tensor]:
+        """Images of inputs, shapes as in `Dims.inputs` after the batch."""
+        touch, position, normal, force = x["contacts"].split([1, 3, 3, 1], -1)
+        contacts = torch.cat([touch, self._polar(position), self._polar(normal), force], -1)
+        rows_x, rows_q = (self._polar(x[name].transpose(-1, -2)).transpose(-1, -2) for name in ("j_x", "j_q"))
+        return {
+            "q": x["q"][:, self.joints],
+            "x_ht": self.motion(x["x_ht"]),
+            "w_e": self.motion(x["w_e"]),
+            "contacts": contacts[:, self.branches],
+            "j_x": self.motion(rows_x)[:, self.branches].contiguous(),
+            "j_q": rows_q[:, self.branches].contiguous(),
+        }
+
+    def targets(self, y: Tensor) -> Tensor:
+        """Images of a stage's targets: stability (n) stays, motion and tendons (n, 6 + B) do not."""
+        if y.ndim == 1:
+            return y
+        dx, taut = y[..., :N_WRENCH], y[..., N_WRENCH:]
+        return torch.cat([self.motion(dx), taut[:, self.branches]], -1)
+
+
+def _reflected(v: Tensor, matrix: Array) -> Tensor:
+    """Vectors (..., 3) times a reflection; one along the axes of H changes signs and no more."""
+    signs = np.diag(matrix)
+    if np.array_equal(matrix, np.diag(signs)):
+        return v * torch.tensor(signs.tolist(), dtype=v.dtype)
+    return v @ torch.as_tensor(matrix, dtype=v.dtype).T
+
+
+def _check(hand: Hand) -> None:
+    """Raises AminnError unless the hand is its own image in the plane that it names."""
+    assert hand.mirror is not None
+    swap, n = list(hand.mirror.branches), np.array(hand.mirror.normal)
+    if sorted(swap) != list(range(len(hand.branches))) or abs(n @ n - 1) > 1e-6:
+        raise AminnError(f"hand {hand.name}: mirror is no plane with an image for each branch; simulate again")
+    nominal, polar = nominal_of(hand), np.eye(3) - 2 * np.outer(n, n)
+    shift = np.cross(nominal.axis, nominal.anchor)  # of an axis from H's origin, whatever its anchor
     images = {
-        "base_m": (nominal.base, nominal.base[swap] * polar),
-        "axis": (nominal.axis, nominal.axis[swap] * axial),
-        "link_a_m": (nominal.link_a, nominal.link_a[swap] * polar),
-        "joint_stiffness_Nm_rad": (nominal.chol, nominal.chol[swap]),
+        "coordinates": (nominal.coord_mask, nominal.coord_mask[swap]),
+        "axis": (nominal.axis, -nominal.axis[swap] @ polar),
+        "anchor": (shift, shift[swap] @ polar),
+        "springs": (nominal.chol, nominal.chol[swap]),
         "tendons": (nominal.tendon_dir, nominal.tendon_dir[swap]),
-        "tendons (stiffness)": (nominal.tendon_gain, nominal.tendon_gain[swap]),
+        "tendon stiffness": (nominal.tendon_gain, nominal.tendon_gain[swap]),
+        "contact compliance": (nominal.eps_m, nominal.eps_m[swap]),
     }
     for name, (value, image) in images.items():
-        if not np.allclose(value, image, atol=1e-9):
+        if not np.allclose(value, image, rtol=1e-5, atol=1e-7):
+            b = int(np.argmax(np.abs(value - image).reshape(len(swap), -1).max(1)))
+            one, other = hand.branches[b].name, hand.branches[swap[b]].name
             raise AminnError(
-                f"hand.{name}: finger 1 is not the mirror image of finger 2; train with --set mirror=false"
+                f"hand {hand.name}, {name}: {one} is not the mirror image of {other}; train with --set mirror=false"
             )
-
-
-def mirror_inputs(x: dict[str, Tensor]) -> dict[str, Tensor]:
-    """Mirror images of inputs, shapes as in `dims.INPUT_SHAPES` after the batch."""
-    swap, polar = list(BRANCHES), torch.tensor(POLAR)
-    motion, contact = torch.tensor(MOTION), torch.tensor(CONTACT)
-    return {
-        "q": x["q"][:, list(JOINTS)],
-        "x_ht": x["x_ht"] * motion,
-        "w_e": x["w_e"] * motion,
-        "contacts": (x["contacts"] * contact)[:, swap],
-        "j_x": (x["j_x"] * polar[:, None] * motion)[:, swap],
-        "j_q": (x["j_q"] * polar[:, None])[:, swap],
-    }
-
-
-def mirror_targets(y: Tensor) -> Tensor:
-    """Mirror images of a stage's targets: stability (n) stays, motion and tendons (n, 6 + 3) do not."""
-    if y.ndim == 1:
-        return y
-    dx, taut = y.split([N_WRENCH, N_BRANCH], -1)
-    return torch.cat([dx * torch.tensor(MOTION), taut[:, list(BRANCHES)]], -1)

@@ -9,22 +9,25 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from ..hand.dims import N_BRANCH, N_CONTACT_INPUT, N_GLOBAL_INPUT, N_WRENCH
-from ..hand.nominal import Nominal
+from aminn_hand import Dims, Hand
+from aminn_hand.hand import N_WRENCH
+
+from .config import ModelConfig
+from .mechanics import AXES
 from .network import (
-    CONTACT_SPREAD,
-    GLOBAL_SPREAD,
-    ModelConfig,
     Normaliser,
     Stage1,
     Stage2,
     contact_input,
+    contact_spread,
     global_input,
+    global_spread,
 )
 
-# All that AMINN sees. The translation columns of J_x are identities times the contact flag, which is there already.
-LEVER_SPREAD = (0.005,) * (N_BRANCH * 3 * 3)  # m
-N_INPUT = N_CONTACT_INPUT + N_GLOBAL_INPUT + len(LEVER_SPREAD)
+
+def input_spread(dims: Dims) -> tuple[float, ...]:
+    """Of all that AMINN sees. The translation columns of J_x are identities times the contact flag, there already."""
+    return contact_spread(dims) + global_spread(dims) + (0.005,) * (dims.branches * AXES * AXES)
 
 
 def n_parameters(module: nn.Module) -> int:
@@ -32,11 +35,11 @@ def n_parameters(module: nn.Module) -> int:
     return sum(p.numel() for p in module.parameters() if p.requires_grad)
 
 
-def width_for(budget: int, n_out: int) -> int:
+def width_for(budget: int, n_in: int, n_out: int) -> int:
     """Hidden width whose MLP has the parameter count nearest to `budget`."""
 
     def count(width: int) -> int:
-        return (N_INPUT + 1) * width + (width + 1) * width + (width + 1) * n_out
+        return (n_in + 1) * width + (width + 1) * width + (width + 1) * n_out
 
     return min(range(1, 1024), key=lambda width: abs(count(width) - budget))
 
@@ -44,25 +47,27 @@ def width_for(budget: int, n_out: int) -> int:
 class MlpStage(nn.Module):
     """Two hidden layers; the output is a logit, or a displacement in units of the training data's spread."""
 
-    def __init__(self, config: ModelConfig, budget: int, n_out: int) -> None:
+    def __init__(self, config: ModelConfig, dims: Dims, budget: int, n_out: int) -> None:
         super().__init__()
-        width = width_for(budget, n_out)
+        self.spread = input_spread(dims)
+        n_in = len(self.spread)
+        width = width_for(budget, n_in, n_out)
         self.register_buffer("wrench_log_scale", torch.tensor(config.wrench_log_scale))
         self.register_buffer("out_scale", torch.ones(n_out))
-        self.norm = Normaliser(N_INPUT)
-        self.hidden1 = nn.Linear(N_INPUT, width)
+        self.norm = Normaliser(n_in)
+        self.hidden1 = nn.Linear(n_in, width)
         self.hidden2 = nn.Linear(width, width)
         self.out = nn.Linear(width, n_out)
 
     def network_input(self, x: dict[str, Tensor]) -> Tensor:
-        """(N, 104)."""
+        """(N, B (17 + 3C) + J + 18)."""
         state = global_input(x["q"], x["x_ht"], x["w_e"], self.wrench_log_scale)
-        lever = x["j_x"][..., 3:].flatten(1)  # (N, 27)
+        lever = x["j_x"][..., 3:].flatten(1)  # (N, 9B)
         return torch.cat([contact_input(x["contacts"], x["j_q"]), state, lever], -1)
 
     def fit_normalisers(self, x: dict[str, Tensor]) -> None:
         """Take the normalisation constants from training inputs."""
-        self.norm.fit(self.network_input(x), CONTACT_SPREAD + GLOBAL_SPREAD + LEVER_SPREAD)
+        self.norm.fit(self.network_input(x), self.spread)
 
     def forward(self, x: dict[str, Tensor]) -> Tensor:
         hidden = torch.relu(self.hidden1(self.norm(self.network_input(x))))  # (N, width)
@@ -74,11 +79,11 @@ class Mlp(nn.Module):
 
     kind = "mlp"
 
-    def __init__(self, config: ModelConfig, nominal: Nominal) -> None:
+    def __init__(self, config: ModelConfig, hand: Hand) -> None:
         super().__init__()
-        self.config, self.nominal = config, nominal
-        self.stage1 = MlpStage(config, n_parameters(Stage1(config, nominal)), 1)
-        self.stage2 = MlpStage(config, n_parameters(Stage2(config, nominal)), N_WRENCH)
+        self.config, self.hand = config, hand
+        self.stage1 = MlpStage(config, hand.dims, n_parameters(Stage1(config, hand)), 1)
+        self.stage2 = MlpStage(config, hand.dims, n_parameters(Stage2(config, hand)), N_WRENCH)
 
     def forward(
         self, q: Tensor, x_ht: Tensor, w_e: Tensor, contacts: Tensor, j_x: Tensor, j_q: Tensor

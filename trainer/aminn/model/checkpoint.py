@@ -7,7 +7,6 @@ import re
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import numpy as np
 from safetensors import SafetensorError
 from safetensors.torch import load_file, save
 from torch import Tensor, nn
@@ -15,13 +14,13 @@ from torch import Tensor, nn
 from aminn_base.errors import AminnError, OutdatedError
 from aminn_base.files import write_atomically, write_json
 from aminn_base.read import AnyPath, read_json, read_text, require
+from aminn_hand import Hand
 
-from ..hand.nominal import NOMINAL_SHAPES, Nominal
 from .baseline import Mlp
 from .config import ModelConfig, build_config
 from .network import Aminn
 
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 WEIGHTS, META, CARD = "model.safetensors", "model.json", "card.md"
 CARD_HASH = f"SHA-256 of weights and `{META}`"
 """What stands before the hash in the model card."""
@@ -31,7 +30,7 @@ META_KEYS: dict[str, type | tuple[type, ...]] = {
     "kind": str,
     "tau": (int, float),
     "model": dict,
-    "nominal": dict,
+    "hand": dict,
 }
 TRAINED_KEYS: dict[str, type | tuple[type, ...]] = {
     "identity": dict,
@@ -57,23 +56,22 @@ class Checkpoint:
     """Of the weights file followed by the metadata file."""
 
 
-def build_model(kind: str, config: ModelConfig, nominal: Nominal) -> Aminn | Mlp:
+def build_model(kind: str, config: ModelConfig, hand: Hand) -> Aminn | Mlp:
     """A new cascade of one of `KINDS`."""
     if kind not in KINDS:
         raise AminnError(f"model kind {kind!r} is unknown; there are {', '.join(KINDS)}")
-    return KINDS[kind](config, nominal)
+    return KINDS[kind](config, hand)
 
 
 def save_checkpoint(path: AnyPath, model: Aminn | Mlp, meta: dict) -> None:
     """Write `model` and `meta` into folder `path`."""
     path = Path(path)
     write_atomically(path / WEIGHTS, save({k: v.contiguous() for k, v in model.state_dict().items()}))
-    nominal = {k: v.tolist() for k, v in asdict(model.nominal).items()}
     fixed = {
         "format_version": FORMAT_VERSION,
         "kind": model.kind,
         "model": asdict(model.config),
-        "nominal": nominal,
+        "hand": model.hand.as_dict(),
     }
     write_json(path / META, meta | fixed)
 
@@ -131,13 +129,11 @@ def _are_numbers(values: object) -> bool:
     return isinstance(values, list) and all(isinstance(v, int | float) for v in values)
 
 
-def _nominal(values: dict) -> Nominal:
-    """The hand's mechanics. Raises ValueError where an array has not the shape that the layer needs."""
-    arrays = {k: np.asarray(v, float) for k, v in values.items()}
-    for name, shape in NOMINAL_SHAPES.items():
-        if name in arrays and arrays[name].shape != shape:
-            raise ValueError(f"nominal.{name} has shape {arrays[name].shape}, expected {shape}")
-    return Nominal(**arrays)
+def _hand(file: Path, value: dict) -> Hand:
+    try:
+        return Hand.from_dict(value)
+    except AminnError as error:
+        raise OutdatedError(f"{file}: {error}; {ANEW}") from error
 
 
 def _hold_against_card(card: Path, sha256: str) -> None:
@@ -159,9 +155,8 @@ def load_checkpoint(path: AnyPath) -> Checkpoint:
             raise OutdatedError(f"{path}: {file.name} is missing; a checkpoint is a folder that `aminn train` wrote")
     meta = _read_meta(meta_file)
     try:
-        nominal = _nominal(meta["nominal"])
         config = build_config(ModelConfig, meta["model"], str(meta_file))
-        model = build_model(meta["kind"], config, nominal)
+        model = build_model(meta["kind"], config, _hand(meta_file, meta["hand"]))
         tensors = load_file(weights)
     except (KeyError, TypeError, ValueError, OSError, SafetensorError) as error:
         raise OutdatedError(f"{path}: not a usable checkpoint ({type(error).__name__}: {error}); {ANEW}") from error

@@ -25,13 +25,16 @@ from pydantic.dataclasses import dataclass as checked_dataclass
 
 from aminn_base.errors import AminnError
 from aminn_base.read import AnyPath, read_toml
-
-from ..hand.dims import N_WRENCH
+from aminn_hand import Hand
+from aminn_hand.hand import N_WRENCH
 
 Kind = Literal["aminn", "mlp"]
 Width = Annotated[int, Field(gt=0, le=4096)]
 Scale = Annotated[float, Field(gt=0, le=1e9)]
 Weight = Annotated[float, Field(ge=0, le=1e9)]
+OF_HAND = "hand"
+"""How a file says that a setting is the hand's own; None in a configuration."""
+_own = BeforeValidator(lambda value: None if value == OF_HAND else value)
 CHECKS = ConfigDict(extra="forbid", use_attribute_docstrings=True, allow_inf_nan=False)
 
 
@@ -39,16 +42,18 @@ CHECKS = ConfigDict(extra="forbid", use_attribute_docstrings=True, allow_inf_nan
 class MechanicsConfig:
     """Constants of the mechanics layer."""
 
-    eps_m: Scale = 1e-5
-    """Isotropic contact compliance added to every branch, m/N. It also bounds the conditioning in float32."""
+    eps_m: Annotated[Scale | None, _own] = None
+    """Isotropic contact compliance of every branch, m/N, or "hand": the hand's own, a value a branch. It also bounds
+    the conditioning in float32."""
     learn_eps_m: bool = True
-    """Take eps_m as a start and learn it, one value a stage."""
+    """Take eps_m as a start and learn a factor on it, one a stage."""
     eps_kx: Scale = 1e-3
     """Stiffness added to the diagonal of K_x: N/m for translation, N.m/rad for rotation. It bounds the conditioning."""
     eps_jq: Scale = 1e-3
     """Regularisation of J_q in the "inverse" form of dq0, m/rad."""
     dq0: Literal["statics", "inverse"] = "statics"
-    """How pass 1 finds the joint deflection: "statics" (K^-1 B^T force) or "inverse" (of J_q, as in the paper)."""
+    """How pass 1 finds the joint deflection: "statics" (K^-1 B^T force) or "inverse" (of J_q, as in the paper; for
+    branches of three joints alone)."""
 
 
 MECHANICS = (MechanicsConfig(eps_kx=1e-2), MechanicsConfig())
@@ -90,8 +95,8 @@ class ModelConfig:
     """Zero head outputs give the hand's nominal springs and tendons, or ("free") the same springs for every hand."""
     heads_see_wrench: bool = True
     """Springs and tendons may depend on the load, not on the grasp alone."""
-    soft_finger: bool = False
-    """Contacts resist twisting about their normals (for hands with soft fingertips); not exported."""
+    soft_finger: Annotated[bool | None, _own] = None
+    """Contacts resist twisting about their normals, or "hand": where the hand has soft fingertips; not exported."""
     slip: bool = False
     """Contacts soften along their tangent planes where pass 1 uses up their friction; not exported."""
     log_range: Annotated[float, Field(gt=0, le=20)] = 2.0
@@ -104,6 +109,10 @@ class ModelConfig:
     """alpha (1/rad), scale of beta (rad) and rho of an untrained gate: taut under pretension."""
     mechanics: Annotated[tuple[MechanicsConfig, MechanicsConfig], BeforeValidator(_pair)] = MECHANICS
     """The layer's constants for stage 1 and stage 2; one table stands for both, a list of two is one for each."""
+
+    def twists(self, hand: Hand) -> bool:
+        """Whether contacts of this hand resist twisting about their normals."""
+        return hand.contact.kind == "soft_finger" if self.soft_finger is None else self.soft_finger
 
 
 @checked_dataclass(frozen=True, config=CHECKS)
@@ -146,8 +155,8 @@ class TrainConfig:
     """Largest norm of a step's gradient."""
     divergence: Annotated[float, Field(gt=1)] = 1e3
     """A step whose loss is so many times that of the stage's first step ends the run as diverged."""
-    mirror: bool = True
-    """Show each training sample as its mirror image half of the time; the hand's two fingers must mirror each other."""
+    mirror: Annotated[bool | None, _own] = None
+    """Show each training sample as its mirror image half of the time, or "hand": where the hand is symmetric."""
     train_fraction: Annotated[float, Field(gt=0, le=1)] = 1.0
     """Share of the training grasps to learn from, for learning curves; smaller shares are part of larger ones."""
     loss: LossWeights = field(default_factory=LossWeights)
@@ -223,6 +232,13 @@ def _walk(config: Any, prefix: str = "") -> Iterator[tuple[str, Any, str]]:
             yield prefix + f.name, value, described[f.name].description or ""
 
 
+def _told(value: object) -> object:
+    """A value as a file has it: TOML has no null."""
+    if isinstance(value, list):
+        return [_told(v) for v in value]
+    return OF_HAND if value is None else value
+
+
 def as_toml(config: TrainConfig) -> str:
     """The configuration as a TOML file with each setting's description above it."""
     lines: list[str] = []
@@ -232,5 +248,5 @@ def as_toml(config: TrainConfig) -> str:
         if head != table:
             lines += [f"[{head}]"]
             table = head
-        lines += [f"# {' '.join(text.split())}", f"{name} = {json.dumps(value)}", ""]
+        lines += [f"# {' '.join(text.split())}", f"{name} = {json.dumps(_told(value))}", ""]
     return "\n".join(lines)

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError
+from aminn_hand import Hand
 
-from ..hand.dims import BRANCH_JOINTS, BRANCHES, JOINTS, LENGTH_SCALE_M
+from ..hand.nominal import nominal_of
 from .checkpoint import Checkpoint
 from .network import Backbone
 
@@ -55,7 +56,8 @@ def _stage_tables(prefix: str, backbone: Backbone) -> dict[str, NDArray]:
 def _check_exportable(checkpoint: Checkpoint) -> None:
     """Raises AminnError for options that the exported forms do not have."""
     config = checkpoint.model.config
-    extra = [name for name in ("soft_finger", "slip") if getattr(config, name)]
+    heads = {"soft_finger": "twist_head", "slip": "slip_head"}
+    extra = [name for name, head in heads.items() if getattr(checkpoint.model.stage2.backbone, head) is not None]
     if not config.heads_see_wrench:
         extra.append("heads_see_wrench = false")
     if extra:
@@ -72,6 +74,20 @@ def _identity(checkpoint: Checkpoint, tensors: dict[str, NDArray[np.float32]]) -
     return identity
 
 
+def geometry_tables(hand: Hand) -> dict[str, NDArray]:
+    """What the closure is computed from. Raises AminnError for a hand that the exported forms do not have yet."""
+    nominal, dims = nominal_of(hand), hand.dims
+    shared = np.cross(nominal.axis[:, 0], nominal.anchor[:, 0] - nominal.anchor[:, min(1, dims.coordinates - 1)])
+    known = hand.coordinate_joints == ((0, 1, 2), (3, 4, 5), (-1, 6, 7)) and dims.gates == 3
+    if not known or np.abs(shared).max() > 1e-9 or np.ptp(nominal.eps_m) > 0:
+        raise AminnError(
+            f"hand {hand.name}: models of two fingers of roll, proximal and distal joint and a thumb without roll can "
+            "be exported, others cannot yet"
+        )
+    base = nominal.anchor[:, 1]
+    return {"geom_base": base, "geom_axis": nominal.axis, "geom_link_a": nominal.anchor[:, 2] - base}
+
+
 def export_tables(checkpoint: Checkpoint) -> ExportedModel:
     """The tables of an AMINN checkpoint. Raises AminnError for another kind of model."""
     model = checkpoint.model
@@ -84,28 +100,31 @@ def export_tables(checkpoint: Checkpoint) -> ExportedModel:
     tensors |= {"s1." + name: classifier[key].numpy() for name, key in _CLASSIFIER.items()}
     constants = model.stage2.backbone.state_dict()
     tensors |= {name: constants[name].numpy() for name in _CONSTANTS}
-    geometry = ("base", "axis", "link_a")
-    tensors |= {f"geom_{name}": np.asarray(getattr(model.nominal, name)) for name in geometry}
+    tensors |= geometry_tables(model.hand)
     _check_exportable(checkpoint)
     stages = [asdict(m) for m in model.config.mechanics]
     for stage, part in zip(stages, (model.stage1, model.stage2), strict=True):
-        stage["eps_m"] = part.backbone.eps_m
+        stage["eps_m"] = part.backbone.eps_m[0]
     if stages[0]["dq0"] != stages[1]["dq0"]:
         raise AminnError(f"{checkpoint.path}: the stages differ in dq0; an exported model has one form for both")
     tensors = {k: np.ascontiguousarray(v, np.float32) for k, v in tensors.items()}
-    meta = _identity(checkpoint, tensors) | {
-        "format_version": FORMAT_VERSION,
-        "branches": list(BRANCHES),
-        "joints": list(JOINTS),
-        "branch_joints": [list(row) for row in BRANCH_JOINTS],
-        "checkpoint_sha256": checkpoint.sha256,
-        "tau": float(np.float32(checkpoint.meta["tau"])),
-        "dq0": stages[0]["dq0"],
-        "length_scale": LENGTH_SCALE_M,
-        "log_range": model.config.log_range,
-        "displacement_log_scale": model.config.displacement_log_scale,
-        "contact_width": model.config.contact_width,
-        "width": model.config.width,
-        "classifier_width": model.config.classifier_width,
-    } | {name: [stage[name] for stage in stages] for name in ("eps_m", "eps_kx", "eps_jq")}
+    meta = (
+        _identity(checkpoint, tensors)
+        | {
+            "format_version": FORMAT_VERSION,
+            "branches": [b.name for b in model.hand.branches],
+            "joints": list(model.hand.joints),
+            "branch_joints": [list(row) for row in model.hand.coordinate_joints],
+            "checkpoint_sha256": checkpoint.sha256,
+            "tau": float(np.float32(checkpoint.meta["tau"])),
+            "dq0": stages[0]["dq0"],
+            "length_scale": model.hand.length_m,
+            "log_range": model.config.log_range,
+            "displacement_log_scale": model.config.displacement_log_scale,
+            "contact_width": model.config.contact_width,
+            "width": model.config.width,
+            "classifier_width": model.config.classifier_width,
+        }
+        | {name: [stage[name] for stage in stages] for name in ("eps_m", "eps_kx", "eps_jq")}
+    )
     return ExportedModel(meta, tensors)

@@ -5,10 +5,11 @@ Norms, not squares: a few large slips carry most of the squared error and would 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 
-from ..hand.dims import LENGTH_SCALE_M, N_COORD
 from .config import LossWeights
 from .mechanics import Response, Springs
 
@@ -26,12 +27,12 @@ def geodesic_angle(a: Tensor, b: Tensor) -> Tensor:
     return 2 * torch.atan2(torch.sqrt((vector * vector).sum(-1) + 1e-14), scalar.abs())
 
 
-def pose_terms(pred: Tensor, true: Tensor, weights: LossWeights) -> dict[str, Tensor]:
-    """Weighted translation and rotation error, means over samples of (N, 6) against (N, 6)."""
-    dp = (pred[:, :3] - true[:, :3]) / LENGTH_SCALE_M
+def pose_terms(pred: Tensor, true: Tensor, weights: LossWeights, length_m: float) -> dict[str, Tensor]:
+    """Weighted translation and rotation error, means over samples of (N, 6) against (N, 6); L = `length_m`."""
+    dp = (pred[:, :3] - true[:, :3]) / length_m
     translation = torch.sqrt((dp * dp).sum(-1) + 1e-14)
     angle = geodesic_angle(pred[:, 3:], true[:, 3:])
-    size = torch.sqrt((true[:, :3] ** 2).sum(-1) / LENGTH_SCALE_M**2 + (true[:, 3:] ** 2).sum(-1))
+    size = torch.sqrt((true[:, :3] ** 2).sum(-1) / length_m**2 + (true[:, 3:] ** 2).sum(-1))
     scale = weights.relative / (weights.relative + size)
     if weights.power != 1:
         translation, angle = translation**weights.power, angle**weights.power
@@ -42,16 +43,22 @@ def pose_terms(pred: Tensor, true: Tensor, weights: LossWeights) -> dict[str, Te
 
 
 def structural_terms(
-    springs: Springs, response: Response, taut: Tensor, weights: LossWeights
+    springs: Springs, response: Response, taut: Tensor, weights: LossWeights, gated: Sequence[bool]
 ) -> dict[str, Tensor]:
-    """The paper's regularisers, decided gates and little tendon stiffness, and gates that agree with `taut` (N, 3).
+    """The paper's regularisers, decided gates and little tendon stiffness, and gates that agree with `taut` (N, B).
 
-    The mean of K_tendon^2 follows from gains and gates alone, since |d| = 1.
+    Over the branches that are `gated`; nothing for a hand without tendons. The mean of K_tendon^2 follows from gains
+    and gates alone, since |d| = 1.
     """
-    sure = response.gate.clamp(1e-6, 1 - 1e-6)
-    engagement = torch.nn.functional.binary_cross_entropy(sure, taut)
-    gate = (response.gate * (1 - response.gate)).mean()
-    tendon = ((springs.tendon_gain * response.gate) ** 2).mean() / N_COORD**2
+    if not any(gated):
+        return {}
+    gates, gains = response.gate, springs.tendon_gain
+    if not all(gated):
+        own = [b for b, has in enumerate(gated) if has]
+        gates, gains, taut = gates[:, own], gains[:, own], taut[:, own]
+    engagement = torch.nn.functional.binary_cross_entropy(gates.clamp(1e-6, 1 - 1e-6), taut)
+    gate = (gates * (1 - gates)).mean()
+    tendon = ((gains * gates) ** 2).mean() / springs.tendon_dir.shape[-1] ** 2
     return {
         "gate": weights.gate * gate,
         "engagement": weights.engagement * engagement,

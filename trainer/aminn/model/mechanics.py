@@ -7,8 +7,9 @@ undivided form, kept for the test that shows the two equal):
     K_x = sum_b c_b A_b^T (B_b K_b^-1 B_b^T + eps_M I)^-1 A_b + eps_Kx I
 
 c_b in [0, 1] is the branch's contact flag: a branch out of contact leaves the sum exactly. The 6x6 solve works on
-lengths divided by L = 0.1 m (`S = diag(1, 1, 1, 1/L, 1/L, 1/L)`), since metres and radians in one matrix cost a factor
-of 1e3 in conditioning for nothing. All tensors lead with a batch dimension N; units are SI, axes are those of the hand.
+lengths divided by the hand's L (`S = diag(1, 1, 1, 1/L, 1/L, 1/L)`), since metres and radians in one matrix cost a
+factor of 1e3 in conditioning for nothing. All tensors lead with a batch dimension N, then the B branches, C coordinates
+each; units are SI, axes are those of the hand.
 """
 
 from __future__ import annotations
@@ -19,48 +20,62 @@ import torch
 from torch import Tensor
 from torch.autograd.function import FunctionCtx
 
-from ..hand.dims import LENGTH_SCALE_M, N_COORD, N_WRENCH
+from aminn_hand.hand import N_WRENCH
+
 from .config import MechanicsConfig
+
+AXES = 3
+"""Of space."""
 
 
 class Springs(NamedTuple):
     """What the mechanics head predicts for one stage."""
 
-    k_spring: Tensor  # (N, 3, 3, 3) joint stiffness K_s of each branch, N.m/rad, SPD
-    tendon_dir: Tensor  # (N, 3, 3) tendon direction d_b, unit vector in branch coordinates
-    tendon_gain: Tensor  # (N, 3) k_b > 0, N.m/rad
-    gate_params: Tensor  # (N, 3, 3) alpha (1/rad), beta (rad), rho
+    k_spring: Tensor  # (N, B, C, C) joint stiffness K_s of each branch, N.m/rad, SPD
+    tendon_dir: Tensor  # (N, B, C) tendon direction d_b, unit vector in branch coordinates
+    tendon_gain: Tensor  # (N, B) k_b > 0, N.m/rad; 0 where a branch has no gated tendon
+    gate_params: Tensor  # (N, B, 3) alpha (1/rad), beta (rad), rho
 
 
 class Extras(NamedTuple):
     """What a model may add to the paper's layer; None leaves a term out."""
 
-    eps_m: Tensor | None = None  # () learned contact compliance, m/N, in place of the constant
-    twist: Tensor | None = None  # (N, 3) stiffness of each contact about its normal (soft finger), N.m/rad
-    slip: Tensor | None = None  # (N, 3, 2) friction coefficient, and compliance gained once it is used up, m/N
-    normal: Tensor | None = None  # (N, 3, 3) contact normals, for twist and slip
-    normal_force: Tensor | None = None  # (N, 3) before the load, N, for slip
+    eps_m: Tensor | None = None  # () or (B) learned contact compliance, m/N, in place of the constant
+    twist: Tensor | None = None  # (N, B) stiffness of each contact about its normal (soft finger), N.m/rad
+    slip: Tensor | None = None  # (N, B, 2) friction coefficient, and compliance gained once it is used up, m/N
+    normal: Tensor | None = None  # (N, B, 3) contact normals, for twist and slip
+    normal_force: Tensor | None = None  # (N, B) before the load, N, for slip
 
 
 NO_EXTRAS = Extras()
 
 
+class Constants(NamedTuple):
+    """What the layer knows of the hand and of its own settings."""
+
+    config: MechanicsConfig
+    coord_mask: Tensor  # (B, C) 1 where the branch has the coordinate
+    eps_m: Tensor  # (B) compliance of each contact, m/N; or () where all are the same
+    gated: tuple[bool, ...]  # (B) whether the branch has a gated tendon
+    length_m: float  # L
+
+
 class Response(NamedTuple):
-    """What the layer returns; names as in `dims.DEBUG_SHAPES`."""
+    """What the layer returns; names as in `Dims.debug`."""
 
     dx0: Tensor  # (N, 6) displacement with springs alone
-    dq0: Tensor  # (N, 3, 3) joint deflection of pass 1 in branch coordinates, rad
-    gate: Tensor  # (N, 3) tendon engagement g_b in (0, 1)
-    k_tendon: Tensor  # (N, 3, 3, 3) k_b g_b d_b d_b^T, N.m/rad
+    dq0: Tensor  # (N, B, C) joint deflection of pass 1 in branch coordinates, rad
+    gate: Tensor  # (N, B) tendon engagement g_b in (0, 1); 0 where a branch has no gated tendon
+    k_tendon: Tensor  # (N, B, C, C) k_b g_b d_b d_b^T, N.m/rad
     k_scaled: Tensor  # (N, 6, 6) K_x with lengths divided by L, N/m
     x_scaled: Tensor  # (N, 6) displacement with rotations times L, m
     k_x: Tensor  # (N, 6, 6) K_x, SI
     dx: Tensor  # (N, 6) displacement, m and rad
 
 
-def length_scaling(like: Tensor) -> Tensor:
-    """Diagonal of S (6), with the type and device of `like`."""
-    return torch.tensor([1.0] * 3 + [1.0 / LENGTH_SCALE_M] * 3, dtype=like.dtype, device=like.device)
+def length_scaling(like: Tensor, length_m: float) -> Tensor:
+    """Diagonal of S (6) for L = `length_m`, with the type and device of `like`."""
+    return torch.tensor([1.0] * 3 + [1.0 / length_m] * 3, dtype=like.dtype, device=like.device)
 
 
 # Within the layer the batch stands last: (..., branch, N). Products of small matrices are then a few products of long
@@ -95,6 +110,24 @@ def inverse_3x3(m: Tensor) -> Tensor:
     return cofactors.transpose(0, 1) / (m[0] * cofactors[0]).sum(0)
 
 
+def inverse(m: Tensor) -> Tensor:
+    """Inverses of symmetric positive definite matrices (n, n, ...), by blocks of at most 3."""
+    n = m.shape[0]
+    if n == 3:
+        return inverse_3x3(m)
+    if n == 1:
+        return 1 / m
+    if n == 2:
+        (a, b), (c, d) = m
+        return torch.stack([d, -b, -c, a]).unflatten(0, (2, 2)) / (a * d - b * c)
+    head = inverse(m[:3, :3])
+    coupling = product(head, m[:3, 3:])
+    tail = inverse(m[3:, 3:] - product(m[3:, :3], coupling))
+    mixed = -product(coupling, tail)
+    upper = torch.cat([head - product(mixed, coupling.transpose(0, 1)), mixed], 1)
+    return torch.cat([upper, torch.cat([mixed.transpose(0, 1), tail], 1)])
+
+
 class _Factor(NamedTuple):
     """A symmetric positive definite K (6, 6, N) for solving with: translation eliminated first."""
 
@@ -125,25 +158,25 @@ class _Statics(torch.autograd.Function):
     @staticmethod
     def forward(  # type: ignore[override]
         ctx: FunctionCtx,
-        k_q: Tensor,  # (3, 3, 3, N) joint stiffness of each branch
-        softness: Tensor,  # (3, 3, 3, N) or broadcast: compliance of each contact, m/N
+        k_q: Tensor,  # (C, C, B, N) joint stiffness of each branch
+        softness: Tensor,  # (3, 3, B, N) or broadcast: compliance of each contact, m/N
         w: Tensor,  # (6, N) scaled wrench
-        c: Tensor,  # (3, N) contact flag
-        a: Tensor,  # (3, 6, 3, N) scaled A_b
-        b_t: Tensor,  # (3, 3, 3, N) B_b^T
+        c: Tensor,  # (B, N) contact flag
+        a: Tensor,  # (3, 6, B, N) scaled A_b
+        b_t: Tensor,  # (C, 3, B, N) B_b^T
         floor: Tensor,  # (6, 6, N) or broadcast: added to the scaled K_x, symmetric
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Scaled K_x (6, 6, N), scaled displacement (6, N), and of each branch (3, 3, N) joint deflection and force."""
-        compliance = inverse_3x3(k_q)  # (3, 3, 3, N)
-        cb = product(compliance, b_t)  # (3, 3, 3, N) K^-1 B^T
-        p = inverse_3x3(product(b_t.transpose(0, 1), cb) + softness)  # (3, 3, 3, N) stiffness of a fingertip
-        wa = product(p, a)  # (3, 6, 3, N) its force by motion of the tool
+        """Scaled K_x (6, 6, N), scaled displacement (6, N), joint deflections (C, B, N) and forces (3, B, N)."""
+        compliance = inverse(k_q)  # (C, C, B, N)
+        cb = product(compliance, b_t)  # (C, 3, B, N) K^-1 B^T
+        p = inverse_3x3(product(b_t.transpose(0, 1), cb) + softness)  # (3, 3, B, N) stiffness of a fingertip
+        wa = product(p, a)  # (3, 6, B, N) its force by motion of the tool
         k = sum(product(a[:, :, i].transpose(0, 1), c[i] * wa[:, :, i]) for i in range(c.shape[0]))
         k = k + floor  # (6, 6, N)
         factor = _factorise(k)
         x = _solve(factor, w)
-        v = _mv(wa, x[:, None])  # (3, 3, N) force on a fingertip in contact
-        dq = _mv(cb, v)  # (3, 3, N)
+        v = _mv(wa, x[:, None])  # (3, B, N) force on a fingertip in contact
+        dq = _mv(cb, v)  # (C, B, N)
         ctx.save_for_backward(c, a, b_t, compliance, cb, p, wa, x, v, dq, *factor)
         ctx.set_materialize_grads(False)
         return k, x, c * dq, c * v
@@ -154,17 +187,17 @@ class _Statics(torch.autograd.Function):
         c, a, b_t, compliance, cb, p, wa, x, v, dq, *parts = ctx.saved_tensors
         factor = _Factor(*parts)
         g_x = wa.new_zeros(wa.shape[1], wa.shape[-1]) if g_x is None else g_x
-        soft = y = torch.zeros_like(v)
+        soft, y = torch.zeros_like(dq), torch.zeros_like(v)
         if g_dq is not None or g_f is not None:  # these depend on stiffness and contact directly, not only through x
-            soft = soft if g_dq is None else c * _mv(compliance, g_dq)  # (3, 3, N)
-            y = _mv(p, _mv(b_t.transpose(0, 1), soft) + (0.0 if g_f is None else c * g_f))  # (3, 3, N)
+            soft = soft if g_dq is None else c * _mv(compliance, g_dq)  # (C, B, N)
+            y = _mv(p, _mv(b_t.transpose(0, 1), soft) + (0.0 if g_f is None else c * g_f))  # (3, B, N)
             g_x = g_x + _mv(a.transpose(0, 1), y).sum(1)
         adjoint = _solve(factor, g_x)  # (6, N)
-        u = c * _mv(wa, adjoint[:, None]) - y  # (3, 3, N)
+        u = c * _mv(wa, adjoint[:, None]) - y  # (3, B, N)
         g_kq = (_mv(cb, u) + soft)[:, None] * -dq
         g_softness = u[:, None] * v
         if g_k is not None:
-            cwg = c * product(wa, g_k[:, :, None])  # (3, 6, 3, N)
+            cwg = c * product(wa, g_k[:, :, None])  # (3, 6, B, N)
             g_softness = g_softness - product(cwg, wa.transpose(0, 1))
             g_kq = g_kq + product(product(cb, cwg), product(cb, wa).transpose(0, 1))
         g_floor = None
@@ -174,8 +207,8 @@ class _Statics(torch.autograd.Function):
 
 
 def _joint_deflection_inverse(j_q: Tensor, j_x: Tensor, dx0: Tensor, config: MechanicsConfig) -> Tensor:
-    """dq0 (3, 3, N) by the regularised inverse of J_q, as the paper writes it."""
-    eye = torch.eye(N_COORD, dtype=j_q.dtype)[..., None, None]
+    """dq0 (3, B, N) by the regularised inverse of J_q, as the paper writes it; for C = 3 alone, where J_q is square."""
+    eye = torch.eye(AXES, dtype=j_q.dtype)[..., None, None]
     return -_mv(inverse_3x3(j_q + config.eps_jq * eye), _mv(j_x, dx0[:, None]))
 
 
@@ -185,80 +218,92 @@ def two_pass(
     contact: Tensor,
     j_x: Tensor,
     j_q: Tensor,
-    coord_mask: Tensor,
-    config: MechanicsConfig,
+    constants: Constants,
     extras: Extras = NO_EXTRAS,
     dtype: torch.dtype = torch.float64,
 ) -> Response:
-    """Displacement under w_e (N, 6) with contact (N, 3), j_x (N, 3, 3, 6), j_q (N, 3, 3, 3), coord_mask (3, 3).
+    """Displacement under w_e (N, 6) with contact (N, B), j_x (N, B, 3, 6), j_q (N, B, 3, C).
 
     Pass 1 takes the springs alone and finds how far each tendon would be stretched. The gates follow from that, and
-    pass 2 adds the engaged tendons. K_x is SPD, so w.dx > 0 for every wrench that is not zero. The arithmetic is in
-    `dtype` whatever the inputs are (results come back in the type of w_e): forming K_x squares the conditioning, which
-    the exported models avoid by the square-root form of docs/mechanics.md. Gradients of a training step do well with
-    float32, predictions are made in float64.
+    pass 2 adds the engaged tendons; a hand without gated tendons has pass 1 alone. K_x is SPD, so w.dx > 0 for every
+    wrench that is not zero. The arithmetic is in `dtype` whatever the inputs are (results come back in the type of
+    w_e): forming K_x squares the conditioning, which the exported models avoid by the square-root form of
+    docs/mechanics.md. Gradients of a training step do well with float32, predictions are made in float64.
     """
+    config = constants.config
     k_spring, d, gain, gate_params = (batch_last(t).to(dtype) for t in springs)
     c, a, minus_b = (batch_last(t).to(dtype) for t in (contact, j_x, j_q))
-    mask = coord_mask.to(dtype).mT[..., None]  # (3, 3, 1)
-    s = length_scaling(c)
+    mask = constants.coord_mask.to(dtype).mT[..., None]  # (C, B, 1)
+    s = length_scaling(c, constants.length_m)
     w = (w_e.to(dtype) * s).mT.contiguous()  # (6, N)
-    eps_m = config.eps_m if extras.eps_m is None else extras.eps_m.to(dtype)
-    softness = (eps_m * torch.eye(N_COORD, dtype=dtype))[..., None, None].expand(minus_b.shape)
+    eps_m = (constants.eps_m if extras.eps_m is None else extras.eps_m).to(dtype)  # () or (B)
+    softness = eps_m[..., None] * torch.eye(AXES, dtype=dtype)[..., None, None]  # (3, 3, 1 or B, 1)
+    softness = softness.expand(AXES, AXES, *minus_b.shape[2:])
     floor = torch.diag(config.eps_kx * s * s)[..., None]  # (6, 6, 1)
     if extras.twist is not None:
-        floor = floor + _twist_stiffness(*(batch_last(t).to(dtype) for t in (extras.twist, extras.normal)), c)
+        more = (batch_last(t).to(dtype) for t in (extras.twist, extras.normal))
+        floor = floor + _twist_stiffness(*more, c, constants.length_m)
     rest = (w, c, a * s[:, None, None], -minus_b.transpose(0, 1), floor)
-    _, x0, dq, force = _Statics.apply(k_spring, softness, *rest)
-    dx0 = x0 * s[:, None]  # (6, N)
+    k, x, dq, force = _Statics.apply(k_spring, softness, *rest)
+    dx0 = x * s[:, None]  # (6, N)
     if config.dq0 == "statics":
         dq0 = dq * mask  # the contact flag is in the force already
     else:
         dq0 = _joint_deflection_inverse(minus_b, a, dx0, config) * mask * c
-    alpha, beta, rho = gate_params
-    gate = torch.sigmoid(alpha * ((dq0 * d).sum(0) - beta) + rho)  # (3, N)
-    k_tendon = (gain * gate * d)[:, None] * d  # (3, 3, 3, N)
+    gated = constants.gated
+    if any(gated):
+        alpha, beta, rho = gate_params
+        gate = torch.sigmoid(alpha * ((dq0 * d).sum(0) - beta) + rho)  # (B, N)
+        if not all(gated):
+            gate = gate * torch.tensor(gated, dtype=dtype)[:, None]
+        k_tendon = (gain * gate * d)[:, None] * d  # (C, C, B, N)
+    else:
+        gate, k_tendon = torch.zeros_like(gain), torch.zeros_like(k_spring)
     if extras.slip is not None:
         more = (batch_last(t).to(dtype) for t in (extras.slip, extras.normal, extras.normal_force))
         softness = softness + _slip_softness(force, *more)
-    k, x, _, _ = _Statics.apply(k_spring + k_tendon, softness, *rest)
+    if any(gated) or extras.slip is not None:
+        k, x, _, _ = _Statics.apply(k_spring + k_tendon, softness, *rest)
     k_scaled = k.movedim(-1, 0)
     branches = (batch_first(t) for t in (dq0, gate, k_tendon))
     response = (dx0.mT, *branches, k_scaled, x.mT, k_scaled / (s[:, None] * s), (x * s[:, None]).mT)
     return Response(*(t.to(w_e.dtype) for t in response))
 
 
-def _twist_stiffness(twist: Tensor, normal: Tensor, c: Tensor) -> Tensor:
-    """A soft finger's stiffness about its normal as part of the scaled K_x: (6, 6, N) from (3, N) and (3, 3, N)."""
-    about = (c * twist * normal)[:, None] * normal / LENGTH_SCALE_M**2  # (3, 3, 3, N)
+def _twist_stiffness(twist: Tensor, normal: Tensor, c: Tensor, length_m: float) -> Tensor:
+    """A soft finger's stiffness about its normal as part of the scaled K_x: (6, 6, N) from (B, N) and (3, B, N)."""
+    about = (c * twist * normal)[:, None] * normal / length_m**2  # (3, 3, B, N)
     return torch.nn.functional.pad(about.sum(2), (0, 0, 3, 0, 3, 0))
 
 
 def _slip_softness(force: Tensor, slip: Tensor, normal: Tensor, normal_force: Tensor) -> Tensor:
-    """Compliance (3, 3, 3, N) that contacts gain along their tangent planes as the load uses up their friction.
+    """Compliance (3, 3, B, N) that contacts gain along their tangent planes as the load uses up their friction.
 
-    force (3, 3, N) is what pass 1 adds to each contact, slip (2, 3, N) a friction coefficient and a compliance (m/N).
+    force (3, B, N) is what pass 1 adds to each contact, slip (2, B, N) a friction coefficient and a compliance (m/N).
     """
     friction, compliance = slip
-    along = (force * normal).sum(0)  # (3, N)
+    along = (force * normal).sum(0)  # (B, N)
     tangential = force - along * normal
     size = torch.sqrt((tangential * tangential).sum(0) + 1e-8)
     limit = friction * torch.nn.functional.softplus(normal_force - along, beta=4.0) + 0.02
     excess = torch.nn.functional.softplus(4.0 * (size / limit - 1)) / 4.0
-    eye = torch.eye(N_COORD, dtype=force.dtype)[..., None, None]
+    eye = torch.eye(AXES, dtype=force.dtype)[..., None, None]
     return compliance * excess * (eye - normal[:, None] * normal)
 
 
-def dense_stiffness(k_q: Tensor, contact: Tensor, j_x: Tensor, j_q: Tensor, config: MechanicsConfig) -> Tensor:
-    """K_x (N, 6, 6) by the undivided 9x9 algebra of the paper; the tests hold it against the sum over branches.
+def dense_stiffness(
+    k_q: Tensor, contact: Tensor, j_x: Tensor, j_q: Tensor, eps_m: Tensor, config: MechanicsConfig
+) -> Tensor:
+    """K_x (N, 6, 6) by the undivided algebra of the paper; the tests hold it against the sum over branches.
 
-    A branch out of contact is left out of the stacked matrices by scaling its rows of J_x.
+    k_q (N, B, C, C), contact (N, B), eps_m (B). A branch out of contact is left out of the stacked matrices by scaling
+    its rows of J_x.
     """
-    n = k_q.shape[0]
-    big_k = torch.stack([torch.block_diag(*blocks) for blocks in k_q])  # (N, 9, 9)
-    big_jq = torch.stack([torch.block_diag(*blocks) for blocks in j_q])  # (N, 9, 9)
-    big_jx = (j_x * contact.sqrt()[..., None, None]).reshape(n, -1, N_WRENCH)  # (N, 9, 6)
-    eye9 = torch.eye(big_k.shape[-1], dtype=k_q.dtype)
-    middle = big_jq @ torch.linalg.inv(big_k) @ big_jq.mT + config.eps_m * eye9
+    n, branches = contact.shape
+    big_k = torch.stack([torch.block_diag(*blocks) for blocks in k_q])  # (N, BC, BC)
+    big_jq = torch.stack([torch.block_diag(*blocks) for blocks in j_q])  # (N, 3B, BC)
+    big_jx = (j_x * contact.sqrt()[..., None, None]).reshape(n, -1, N_WRENCH)  # (N, 3B, 6)
+    give = torch.diag(eps_m.expand(branches).repeat_interleave(AXES))
+    middle = big_jq @ torch.linalg.inv(big_k) @ big_jq.mT + give
     eye6 = torch.eye(N_WRENCH, dtype=k_q.dtype)
     return big_jx.mT @ torch.linalg.inv(middle) @ big_jx + config.eps_kx * eye6

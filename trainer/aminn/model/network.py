@@ -1,6 +1,6 @@
 """The AMINN cascade: a network that predicts springs and tendons, and the mechanics layer that turns them into motion.
 
-One `Backbone` per stage: contact summary and global state give a feature f, a linear head gives 13 numbers a branch.
+One `Backbone` per stage: contact summary and global state give a feature f, a linear head the numbers of each branch.
 These are corrections to the nominal springs and tendons of the hand, so that an untrained model is the analytical one.
 Everything between SI inputs and SI outputs is inside, normalisation too. The shape of each tensor stands on its line.
 """
@@ -14,22 +14,27 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from ..hand.dims import (
-    LEAST_MOTION_M,
-    LENGTH_SCALE_M,
-    N_AUX,
-    N_BRANCH,
-    N_BRANCH_HEAD,
-    N_CONTACT_INPUT,
-    N_COORD,
-    N_GLOBAL_INPUT,
-    N_HEAD,
-    N_JOINT,
-    N_WRENCH,
-)
-from ..hand.nominal import CHOL_COLS, CHOL_ROWS, Nominal
+from aminn_base.errors import AminnError
+from aminn_hand import Dims, Hand
+from aminn_hand.hand import N_GATE, N_WRENCH
+
+from ..hand.nominal import Nominal, nominal_of
 from .config import MechanicsConfig, ModelConfig
-from .mechanics import NO_EXTRAS, Extras, Response, Springs, batch_first, length_scaling, product, two_pass
+from .mechanics import (
+    AXES,
+    NO_EXTRAS,
+    Constants,
+    Extras,
+    Response,
+    Springs,
+    batch_first,
+    length_scaling,
+    product,
+    two_pass,
+)
+
+LEAST_MOTION_M = 1e-12
+"""Least size of a motion that is divided by, so that no motion at all can be."""
 
 
 def slog(v: Tensor, scale: Tensor | float) -> Tensor:
@@ -40,8 +45,18 @@ def slog(v: Tensor, scale: Tensor | float) -> Tensor:
 # Least spread that an input is scaled by. What hardly varies over the training data (the normals of a flat tool, say)
 # would otherwise reach tens of standard deviations on the first tool of another kind.
 _LENGTH, _NORMAL = 0.005, 0.25  # m, 1
-CONTACT_SPREAD = ((1.0,) + (_LENGTH,) * 3 + (_NORMAL,) * 3 + (0.5,) + (_LENGTH,) * 9) * N_BRANCH
-GLOBAL_SPREAD = (0.05,) * N_JOINT + ((_LENGTH,) * 3 + (0.05,) * 3) + ((0.1,) * 3 + (0.005,) * 3) + (0.1,) * N_WRENCH
+
+
+def contact_spread(dims: Dims) -> tuple[float, ...]:
+    """Of `contact_input`."""
+    contact = (1.0, *(_LENGTH,) * 3, *(_NORMAL,) * 3, 0.5)
+    return (contact + (_LENGTH,) * (AXES * dims.coordinates)) * dims.branches
+
+
+def global_spread(dims: Dims) -> tuple[float, ...]:
+    """Of `global_input`."""
+    pose, wrench = (_LENGTH,) * 3 + (0.05,) * 3, (0.1,) * 3 + (0.005,) * 3
+    return (0.05,) * dims.joints + pose + wrench + (0.1,) * N_WRENCH
 
 
 class Normaliser(nn.Module):
@@ -62,14 +77,14 @@ class Normaliser(nn.Module):
 
 
 def contact_input(contacts: Tensor, j_q: Tensor) -> Tensor:
-    """What the contact summary sees: (N, 51). All of a branch out of contact is zero."""
-    c = contacts[..., :1]  # (N, 3, 1)
-    u = torch.cat([c, c * contacts[..., 1:], c * j_q.flatten(-2)], -1)  # (N, 3, 17)
+    """What the contact summary sees: (N, B (8 + 3C)). All of a branch out of contact is zero."""
+    c = contacts[..., :1]  # (N, B, 1)
+    u = torch.cat([c, c * contacts[..., 1:], c * j_q.flatten(-2)], -1)  # (N, B, 8 + 3C)
     return u.flatten(1)
 
 
 def global_input(q: Tensor, x_ht: Tensor, w_e: Tensor, wrench_log_scale: Tensor) -> Tensor:
-    """Global state: (N, 26)."""
+    """Global state: (N, J + 18)."""
     return torch.cat([q, x_ht, w_e, slog(w_e, wrench_log_scale)], -1)
 
 
@@ -87,8 +102,10 @@ def _near_zero(layer: nn.Linear) -> nn.Linear:
 
 def _uniform(nominal: Nominal) -> Nominal:
     """The same hand with nothing known of its stiffness: all of it 0.3 N.m/rad, no preferred direction."""
-    chol = np.where(np.arange(len(CHOL_ROWS)) < N_COORD, math.sqrt(0.3), 0.0) * np.ones((N_BRANCH, 1))
-    gain = np.full(N_BRANCH, 0.3)
+    branches, coordinates = nominal.coord_mask.shape
+    diagonal = np.arange(nominal.chol.shape[1]) < coordinates
+    chol = np.where(diagonal, math.sqrt(0.3), 0.0) * np.ones((branches, 1))
+    gain = np.where(nominal.tendon_gain > 0, 0.3, 0.0)
     return replace(nominal, chol=chol, tendon_dir=np.zeros_like(nominal.tendon_dir), tendon_gain=gain)
 
 
@@ -98,20 +115,33 @@ class Backbone(nn.Module):
     precision: torch.dtype = torch.float64
     """Arithmetic of the mechanics layer; training steps set float32."""
 
-    def __init__(self, config: ModelConfig, mechanics: MechanicsConfig, nominal: Nominal) -> None:
+    def __init__(self, config: ModelConfig, mechanics: MechanicsConfig, hand: Hand) -> None:
         super().__init__()
-        self.config, self.mechanics = config, mechanics
-        self.contact_norm = Normaliser(N_CONTACT_INPUT)
-        self.global_norm = Normaliser(N_GLOBAL_INPUT)
-        self.contact = nn.Linear(N_CONTACT_INPUT, config.contact_width)
-        self.trunk1 = nn.Linear(config.contact_width + N_GLOBAL_INPUT, config.width)
+        self.config, self.mechanics, self.dims, nominal = config, mechanics, hand.dims, nominal_of(hand)
+        dims = self.dims
+        if mechanics.dq0 == "inverse" and dims.coordinates != AXES:
+            raise AminnError(
+                f'mechanics.dq0 = "inverse" inverts J_q, which is square for {AXES} joints a branch; hand {hand.name} '
+                f'has up to {dims.coordinates}: take "statics"'
+            )
+        self.contact_norm = Normaliser(dims.contact_input)
+        self.global_norm = Normaliser(dims.global_input)
+        self.contact = nn.Linear(dims.contact_input, config.contact_width)
+        self.trunk1 = nn.Linear(config.contact_width + dims.global_input, config.width)
         self.trunk2 = nn.Linear(config.width, config.width)
-        self.head = _near_zero(nn.Linear(config.width, N_HEAD))  # start close to the nominal hand
-        extra = {"slip_head": 2 * N_BRANCH if config.slip else 0, "twist_head": N_BRANCH if config.soft_finger else 0}
+        self.head = _near_zero(nn.Linear(config.width, dims.head))  # start close to the nominal hand
+        extra = {
+            "slip_head": 2 * dims.branches if config.slip else 0,
+            "twist_head": dims.branches if config.twists(hand) else 0,
+        }
         for name, size in extra.items():
             setattr(self, name, _near_zero(nn.Linear(config.width, size)) if size else None)
         if mechanics.learn_eps_m:
             self.eps_m_change = nn.Parameter(torch.zeros(()))  # logarithm: weight decay draws to the constant
+        eps_m = nominal.eps_m if mechanics.eps_m is None else np.full(dims.branches, mechanics.eps_m)
+        self.eps_m_start = torch.tensor(eps_m if np.ptp(eps_m) > 0 else eps_m[0], dtype=torch.float64)  # (B) or ()
+        self.gated = tuple(bool(gain > 0) for gain in nominal.tendon_gain)
+        self.length_m = hand.length_m
         start = nominal if config.heads == "correction" else _uniform(nominal)
         constants = {
             "wrench_log_scale": config.wrench_log_scale,
@@ -126,14 +156,15 @@ class Backbone(nn.Module):
 
     def fit_normalisers(self, x: dict[str, Tensor]) -> None:
         """Take the normalisation constants from training inputs."""
-        self.contact_norm.fit(contact_input(x["contacts"], x["j_q"]), CONTACT_SPREAD)
-        self.global_norm.fit(global_input(x["q"], x["x_ht"], x["w_e"], self.wrench_log_scale), GLOBAL_SPREAD)
+        self.contact_norm.fit(contact_input(x["contacts"], x["j_q"]), contact_spread(self.dims))
+        seen = global_input(x["q"], x["x_ht"], x["w_e"], self.wrench_log_scale)
+        self.global_norm.fit(seen, global_spread(self.dims))
 
     def features(self, x: dict[str, Tensor]) -> Tensor:
         """f (N, width): contact summary fused with the global state."""
-        touch = self.contact_norm(contact_input(x["contacts"], x["j_q"]))  # (N, 51)
+        touch = self.contact_norm(contact_input(x["contacts"], x["j_q"]))  # (N, B (8 + 3C))
         summary = torch.relu(self.contact(touch))  # (N, HC)
-        state = self.global_norm(global_input(x["q"], x["x_ht"], x["w_e"], self.wrench_log_scale))  # (N, 26)
+        state = self.global_norm(global_input(x["q"], x["x_ht"], x["w_e"], self.wrench_log_scale))  # (N, J + 18)
         hidden = torch.relu(self.trunk1(torch.cat([summary, state], -1)))  # (N, H)
         return torch.relu(self.trunk2(hidden))  # (N, H)
 
@@ -142,40 +173,58 @@ class Backbone(nn.Module):
         return self.springs_from_head(self.head(f))
 
     def springs_from_head(self, y: Tensor) -> Springs:
-        """Springs and tendons from raw head outputs y (N, 39); zeros give the nominal hand."""
-        y = y.mT.unflatten(0, (N_BRANCH, N_BRANCH_HEAD)).transpose(0, 1).contiguous()  # (13, 3, N): batch last
-        ld, lo, d, k, al, be, rh = y.split([3, 3, 3, 1, 1, 1, 1])
-        mask, r = self.coord_mask.mT[..., None], self.config.log_range  # (3, 3, 1)
-        nominal = self.chol_nom.mT[..., None]  # (6, 3, 1)
-        rows, cols = list(CHOL_ROWS[3:]), list(CHOL_COLS[3:])
-        diag = nominal[:3] * torch.exp(r * torch.tanh(ld) * mask)  # (3, 3, N)
+        """Springs and tendons from raw head outputs y (N, `Dims.head`); zeros give the nominal hand.
+
+        Each branch's are in the order of `Dims.head_parts`.
+        """
+        dims, count = self.dims, self.dims.coordinates
+        y = y.mT.unflatten(0, (dims.branches, dims.branch_head)).transpose(0, 1).contiguous()  # (.., B, N): batch last
+        part = dict(zip(dims.head_parts, y.split([p.stop - p.start for p in dims.head_parts.values()]), strict=True))
+        ld, lo = part["diagonal"], part["below"]
+        mask, r = self.coord_mask.mT[..., None], self.config.log_range  # (C, B, 1)
+        nominal = self.chol_nom.mT[..., None]  # (C(C+1)/2, B, 1)
+        rows, cols = ([entry[k] for entry in dims.cholesky_entries[count:]] for k in (0, 1))
+        diag = nominal[:count] * torch.exp(r * torch.tanh(ld) * mask)  # (C, B, N)
         size = (nominal[rows] * nominal[cols]).sqrt()
-        off = (nominal[3:] + size * torch.tanh(lo)) * (mask[rows] * mask[cols])  # (3, 3, N)
-        (l00, l11, l22), (l10, l20, l21) = diag, off
-        zero = torch.zeros_like(l00)
-        lower = torch.stack([l00, zero, zero, l10, l11, zero, l20, l21, l22]).unflatten(0, (3, 3))  # (3, 3, 3, N)
-        v = (self.tendon_dir_nom.mT[..., None] + d) * mask  # (3, 3, N)
+        off = (nominal[count:] + size * torch.tanh(lo)) * (mask[rows] * mask[cols])  # (C(C-1)/2, B, N)
+        entries = dict(zip(dims.cholesky_entries, (*diag, *off), strict=True))
+        zero = torch.zeros_like(entries[0, 0])
+        square = [entries.get((i, j), zero) for i in range(count) for j in range(count)]
+        lower = torch.stack(square).unflatten(0, (count, count))  # (C, C, B, N)
+        tendons = self._tendons(part, mask) if dims.gates else self._no_tendons(diag)
+        return Springs(*map(batch_first, (product(lower, lower.transpose(0, 1)), *tendons)))
+
+    def _tendons(self, part: dict[str, Tensor], mask: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Direction (C, B, N), gain (B, N) and gate parameters (3, B, N) from parts of the raw head outputs."""
+        d, k, al, be, rh = (part[name] for name in ("direction", "gain", "alpha", "beta", "rho"))
+        r = self.config.log_range
+        v = (self.tendon_dir_nom.mT[..., None] + d) * mask  # (C, B, N)
         direction = v / torch.sqrt((v * v).sum(0) + 1e-12)
-        gain = self.tendon_gain_nom[:, None] * torch.exp(r * torch.tanh(k[0]))  # (3, N)
-        alpha = self.gate_nom[0] * torch.exp(r * torch.tanh(al))  # (1, 3, N)
-        gate_params = torch.cat([alpha, self.gate_nom[1] * be, self.gate_nom[2] + rh])  # (3, 3, N)
-        return Springs(*map(batch_first, (product(lower, lower.transpose(0, 1)), direction, gain, gate_params)))
+        gain = self.tendon_gain_nom[:, None] * torch.exp(r * torch.tanh(k[0]))  # (B, N)
+        alpha = self.gate_nom[0] * torch.exp(r * torch.tanh(al))  # (1, B, N)
+        return direction, gain, torch.cat([alpha, self.gate_nom[1] * be, self.gate_nom[2] + rh])  # (3, B, N)
+
+    def _no_tendons(self, like: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        zero = torch.zeros_like(like)  # (C, B, N)
+        return zero, zero[0], zero[:1].expand(N_GATE, -1, -1)
 
     @property
-    def eps_m(self) -> float:
-        """Contact compliance of this stage, m/N."""
+    def eps_m(self) -> list[float]:
+        """Contact compliance of each branch (B) in this stage, m/N."""
         change = math.exp(self.eps_m_change.item()) if self.mechanics.learn_eps_m else 1.0
-        return self.mechanics.eps_m * change
+        return (self.eps_m_start.expand(self.dims.branches) * change).tolist()
 
     def extras(self, f: Tensor, x: dict[str, Tensor]) -> Extras:
         """The terms beyond the paper's layer that this configuration has, from f (N, width)."""
         extras = Extras(normal=x["contacts"][..., 4:7], normal_force=x["contacts"][..., 7])
         if self.mechanics.learn_eps_m:
-            extras = extras._replace(eps_m=self.mechanics.eps_m * self.eps_m_change.exp())
+            change = self.eps_m_change.exp()
+            extras = extras._replace(eps_m=self.eps_m_start.to(change.dtype) * change)
         if self.twist_head is not None:
-            extras = extras._replace(twist=TWIST_NOMINAL * torch.exp(4 * torch.tanh(self.twist_head(f))))  # (N, 3)
+            extras = extras._replace(twist=TWIST_NOMINAL * torch.exp(4 * torch.tanh(self.twist_head(f))))  # (N, B)
         if self.slip_head is not None:
-            friction, compliance = torch.tanh(self.slip_head(f)).unflatten(-1, (2, N_BRANCH)).unbind(-2)  # (N, 3) each
+            raw = torch.tanh(self.slip_head(f)).unflatten(-1, (2, self.dims.branches))
+            friction, compliance = raw.unbind(-2)  # (N, B) each
             nominal = (SLIP_NOMINAL[0] * torch.exp(friction), SLIP_NOMINAL[1] * torch.exp(4 * compliance))
             extras = extras._replace(slip=torch.stack(nominal, -1))
         return extras
@@ -183,9 +232,8 @@ class Backbone(nn.Module):
     def respond(self, springs: Springs, x: dict[str, Tensor], extras: Extras = NO_EXTRAS) -> Response:
         """The two-pass layer on this stage's constants."""
         contact = x["contacts"][..., 0]
-        return two_pass(
-            springs, x["w_e"], contact, x["j_x"], x["j_q"], self.coord_mask, self.mechanics, extras, self.precision
-        )
+        constants = Constants(self.mechanics, self.coord_mask, self.eps_m_start, self.gated, self.length_m)
+        return two_pass(springs, x["w_e"], contact, x["j_x"], x["j_q"], constants, extras, self.precision)
 
     def forward(self, x: dict[str, Tensor]) -> tuple[Tensor, Springs, Response]:
         f = self.features(x)
@@ -195,7 +243,7 @@ class Backbone(nn.Module):
 
     def nominal_response(self, x: dict[str, Tensor]) -> Response:
         """The analytical model: nominal springs, tendons taut, nothing learned. Raw head outputs are all zero."""
-        y = x["q"].new_zeros(x["q"].shape[0], N_HEAD)
+        y = x["q"].new_zeros(x["q"].shape[0], self.dims.head)
         return self.respond(self.springs_from_head(y), x)
 
 
@@ -207,12 +255,12 @@ def motion_size(r: Response) -> Tensor:
 class Stage1(nn.Module):
     """Does the grasp hold? A classifier on f and on what the statics say."""
 
-    def __init__(self, config: ModelConfig, nominal: Nominal) -> None:
+    def __init__(self, config: ModelConfig, hand: Hand) -> None:
         super().__init__()
-        self.config = config
-        self.backbone = Backbone(config, config.mechanics[0], nominal)
-        self.aux_norm = Normaliser(N_AUX)
-        self.cls1 = nn.Linear(config.width + N_AUX, config.classifier_width)
+        self.config, self.dims = config, hand.dims
+        self.backbone = Backbone(config, config.mechanics[0], hand)
+        self.aux_norm = Normaliser(self.dims.aux)
+        self.cls1 = nn.Linear(config.width + self.dims.aux, config.classifier_width)
         self.cls2 = nn.Linear(config.classifier_width, 1)
 
     def fit_normalisers(self, x: dict[str, Tensor]) -> None:
@@ -221,20 +269,21 @@ class Stage1(nn.Module):
             # Centred on the nominal hand. Logarithms keep their scale: a stiffness that hardly varies over the data
             # would be magnified, and its rounding error with it. Gates are scaled by their range.
             self.aux_norm.mean.copy_(self._statics(self.backbone.nominal_response(x)).mean(0))
-            self.aux_norm.mean[-N_BRANCH:] = 0.5
-            self.aux_norm.inv_std[-N_BRANCH:] = 2.0
+            self.aux_norm.mean[2 * N_WRENCH :] = 0.5
+            self.aux_norm.inv_std[2 * N_WRENCH :] = 2.0
 
     def _statics(self, r: Response) -> Tensor:
-        """What the statics say (N, 15): motion, its size in logarithm; log diag(K_x); gates."""
+        """What the statics say (N, `Dims.aux`): motion, its size in logarithm; log diag(K_x); gates, if any."""
         size = motion_size(r)
         log_size = torch.log(1 + size / self.config.displacement_log_scale)
         diag = torch.log(torch.diagonal(r.k_scaled, dim1=-2, dim2=-1))  # (N, 6)
-        return torch.cat([r.x_scaled * (log_size / size), diag, r.gate], -1)
+        gates = (r.gate,) if self.dims.gates else ()
+        return torch.cat([r.x_scaled * (log_size / size), diag, *gates], -1)
 
     def _aux(self, r: Response) -> Tensor:
         """The same normalised. K_x and gates count the less, the further beyond L the linear statics move the tool."""
-        motion, stiffness = self.aux_norm(self._statics(r)).split([N_WRENCH, N_AUX - N_WRENCH], -1)
-        return torch.cat([motion, stiffness * (LENGTH_SCALE_M / motion_size(r)).clamp_max(1)], -1)
+        motion, stiffness = self.aux_norm(self._statics(r)).split([N_WRENCH, self.dims.aux - N_WRENCH], -1)
+        return torch.cat([motion, stiffness * (self.backbone.length_m / motion_size(r)).clamp_max(1)], -1)
 
     def forward(self, x: dict[str, Tensor]) -> tuple[Tensor, Springs, Response]:
         """Logit (N), springs, response."""
@@ -246,9 +295,9 @@ class Stage1(nn.Module):
 class Stage2(nn.Module):
     """How far does the tool move, if the grasp holds?"""
 
-    def __init__(self, config: ModelConfig, nominal: Nominal) -> None:
+    def __init__(self, config: ModelConfig, hand: Hand) -> None:
         super().__init__()
-        self.backbone = Backbone(config, config.mechanics[1], nominal)
+        self.backbone = Backbone(config, config.mechanics[1], hand)
 
     def fit_normalisers(self, x: dict[str, Tensor]) -> None:
         self.backbone.fit_normalisers(x)
@@ -263,23 +312,23 @@ class Aminn(nn.Module):
 
     kind = "aminn"
 
-    def __init__(self, config: ModelConfig, nominal: Nominal) -> None:
+    def __init__(self, config: ModelConfig, hand: Hand) -> None:
         super().__init__()
-        self.config, self.nominal = config, nominal
-        self.stage1 = Stage1(config, nominal)
-        self.stage2 = Stage2(config, nominal)
+        self.config, self.hand = config, hand
+        self.stage1 = Stage1(config, hand)
+        self.stage2 = Stage2(config, hand)
 
     def forward(
         self, q: Tensor, x_ht: Tensor, w_e: Tensor, contacts: Tensor, j_x: Tensor, j_q: Tensor
     ) -> dict[str, Tensor]:
-        """p_stable (N), dx_ht (N, 6), k_x (N, 6, 6), gate (N, 3); shapes of the inputs in `dims.INPUT_SHAPES`."""
+        """p_stable (N), dx_ht (N, 6), k_x (N, 6, 6), gate (N, B); shapes of the inputs in `Dims.inputs`."""
         out = self.debug(q, x_ht, w_e, contacts, j_x, j_q)
         return {name: out[name] for name in ("p_stable", "dx_ht", "k_x", "gate")}
 
     def debug(
         self, q: Tensor, x_ht: Tensor, w_e: Tensor, contacts: Tensor, j_x: Tensor, j_q: Tensor
     ) -> dict[str, Tensor]:
-        """The same and every intermediate of both stages (`dims.DEBUG_SHAPES`, s1_ and s2_ before the name)."""
+        """The same and every intermediate of both stages (`Dims.debug`, s1_ and s2_ before the name)."""
         x = dict(q=q, x_ht=x_ht, w_e=w_e, contacts=contacts, j_x=j_x, j_q=j_q)
         logit, springs1, r1 = self.stage1(x)
         dx, springs2, r2 = self.stage2(x)
@@ -290,6 +339,6 @@ class Aminn(nn.Module):
         return out
 
 
-def scaled_pose(dx: Tensor) -> Tensor:
-    """Displacement with rotations times L = 0.1 m: (..., 6) in m."""
-    return dx / length_scaling(dx)
+def scaled_pose(dx: Tensor, length_m: float) -> Tensor:
+    """Displacement with rotations times L: (..., 6) in m."""
+    return dx / length_scaling(dx, length_m)

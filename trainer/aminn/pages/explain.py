@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
 from aminn_base.read import AnyPath
+from aminn_hand import Hand
 
 from ..data.dataset import Dataset
 from ..data.origin import check_hand, same_configuration
 from ..evaluation.metrics import pose_error, pose_size
-from ..hand.dims import BRANCHES, COORDS, LENGTH_SCALE_M
-from ..hand.nominal import CHOL_COLS, CHOL_ROWS
 from ..model.checkpoint import Checkpoint
 
 Array = NDArray[np.float64]
@@ -35,47 +34,63 @@ class Explanation:
     data: Dataset
     p_stable: float
     tau: float
-    stiffness: Array  # (3, 3, 3) joint stiffness K_s of each branch, N.m/rad
-    tendon: Array  # (3, 3) tendon direction, unit in branch coordinates
-    gain: Array  # (3,) tendon stiffness k_b, N.m/rad
-    gate: Array  # (3,) engagement in (0, 1)
-    stretch: Array  # (3,) eta_b = <dq0, d>, rad, what the gate is judged by
-    joint: Array  # (3, 3) joint deflection of pass 1, rad
+    stiffness: Array  # (B, C, C) joint stiffness K_s of each branch, N.m/rad
+    tendon: Array  # (B, C) tendon direction, unit in branch coordinates
+    gain: Array  # (B,) tendon stiffness k_b, N.m/rad; 0 where a branch has no gated tendon
+    gate: Array  # (B,) engagement in (0, 1)
+    stretch: Array  # (B,) eta_b = <dq0, d>, rad, what the gate is judged by
+    joint: Array  # (B, C) joint deflection of pass 1, rad
     k_x: Array  # (6, 6) stiffness, SI
     dx: Array  # (6,) predicted motion
-    nominal_stiffness: Array  # (3, 3) diagonal of the nominal springs, N.m/rad
-    mask: Array  # (3, 3) 1 where a branch has the coordinate
+    nominal_stiffness: Array  # (B, C) diagonal of the nominal springs, N.m/rad
     of_training: bool = True  # whether the model was trained on data of this configuration and seed
 
     def row(self, name: str) -> Array:
         """A field of the load case."""
         return np.asarray(self.data.samples[name][self.sample], float)
 
+    @property
+    def hand(self) -> Hand:
+        return self.data.hand
+
+    def joints_of(self, branch: int) -> list[tuple[int, str]]:
+        """(coordinate, name without the branch's own) of each joint of a branch."""
+        own = self.hand.branches[branch]
+        first = self.hand.dims.coordinates - len(own.coordinates)
+        return [(first + i, short_name(c.joint, own.name)) for i, c in enumerate(own.coordinates)]
+
     def principal(self) -> tuple[Array, Array]:
         """Principal compliances (6), m/N, largest first, and their directions (6, 6) as columns.
 
-        Of K_x with lengths divided by 0.1 m: a direction is (translation, rotation times 0.1 m) and has length 1.
+        Of K_x with lengths divided by L: a direction is (translation, rotation times L) and has length 1.
         """
-        s = np.repeat([1.0, 1.0 / LENGTH_SCALE_M], 3)
+        s = np.repeat([1.0, 1.0 / self.hand.length_m], 3)
         values, vectors = np.linalg.eigh(self.k_x * s[:, None] * s)
         return 1 / values, vectors * np.sign(vectors[np.abs(vectors).argmax(0), range(6)])
 
     def flat(self) -> dict[str, float | int]:
         """The numbers as flat keys."""
         found: dict[str, float | int] = {"sample": self.sample, "p_stable": self.p_stable, "tau": self.tau}
-        for b, branch in enumerate(BRANCHES):
-            found |= {f"{branch}_gate": float(self.gate[b]), f"{branch}_tendon_gain_Nm_rad": float(self.gain[b])}
-            found[f"{branch}_stretch_rad"] = float(self.stretch[b])
-            for i, coord in enumerate(COORDS):
-                if self.mask[b, i]:
-                    found[f"{branch}_{coord}_stiffness_Nm_rad"] = float(self.stiffness[b, i, i])
-                    found[f"{branch}_{coord}_tendon_direction"] = float(self.tendon[b, i])
+        for b, own in enumerate(self.hand.branches):
+            branch, gated = own.name, self.gain[b] > 0
+            if gated:
+                found |= {f"{branch}_gate": float(self.gate[b]), f"{branch}_tendon_gain_Nm_rad": float(self.gain[b])}
+                found[f"{branch}_stretch_rad"] = float(self.stretch[b])
+            for i, joint in self.joints_of(b):
+                found[f"{branch}_{joint}_stiffness_Nm_rad"] = float(self.stiffness[b, i, i])
+                if gated:
+                    found[f"{branch}_{joint}_tendon_direction"] = float(self.tendon[b, i])
         compliances, directions = self.principal()
         for k in range(6):
             found[f"compliance{k}_m_N"] = float(compliances[k])
             found |= {f"compliance{k}_direction{i}": float(directions[i, k]) for i in range(6)}
         found |= {f"dx{i}": float(v) for i, v in enumerate(self.dx)}
         return found
+
+
+def short_name(joint: str, branch: str) -> str:
+    """A joint's name without that of its branch before it."""
+    return joint.removeprefix(branch).strip("_-./ ") or joint
 
 
 def explain_sample(checkpoint: Checkpoint, data: Dataset, sample: int) -> Explanation:
@@ -85,12 +100,13 @@ def explain_sample(checkpoint: Checkpoint, data: Dataset, sample: int) -> Explan
     if not 0 <= sample < len(data):
         raise AminnError(f"sample {sample} is not there: the data set has load cases 0 to {len(data) - 1}")
     check_hand(checkpoint, data)
-    model, nominal = checkpoint.model, checkpoint.model.nominal
+    model, dims = checkpoint.model, checkpoint.model.hand.dims
     with torch.no_grad():
         out = model.debug(**data.take(np.array([sample])).inputs())
     value = {name: v[0].double().numpy() for name, v in out.items()}
-    lower = np.zeros((3, 3, 3))
-    lower[:, CHOL_ROWS, CHOL_COLS] = model.stage2.backbone.chol_nom.double().numpy()
+    rows, cols = np.transpose(dims.cholesky_entries)
+    lower = np.zeros((dims.branches, dims.coordinates, dims.coordinates))
+    lower[:, rows, cols] = model.stage2.backbone.chol_nom.double().numpy()
     return Explanation(
         sample,
         data,
@@ -105,7 +121,6 @@ def explain_sample(checkpoint: Checkpoint, data: Dataset, sample: int) -> Explan
         value["k_x"],
         value["dx_ht"],
         np.diagonal(lower @ lower.transpose(0, 2, 1), axis1=1, axis2=2),
-        nominal.coord_mask,
         same_configuration(checkpoint, data),
     )
 
@@ -130,27 +145,32 @@ def as_text(e: Explanation) -> str:
     if not e.of_training:
         lines.append("  data        of another configuration or seed than the model was trained on")
     if held:
-        share = pose_error(e.dx[None], true[None])[0] / max(pose_size(true[None])[0], 1e-9)
+        length_m = e.hand.length_m
+        share = pose_error(e.dx[None], true[None], length_m)[0] / max(pose_size(true[None], length_m)[0], 1e-9)
         lines.append(f"  error       {share:.1%} of the motion")
-    lines += ["", "fingers: joint stiffness (times nominal), tendon direction, tendon stiffness, stretch, engagement"]
-    for b, branch in enumerate(BRANCHES):
+    tendons = ", tendon direction, tendon stiffness, stretch, engagement" if e.hand.dims.gates else ""
+    lines += ["", f"fingers: joint stiffness (times nominal){tendons}"]
+    for b, own in enumerate(e.hand.branches):
+        branch, joints = own.name, e.joints_of(b)
         if e.row("contacts")[b, 0] == 0:
             lines.append(f"  {branch:8} out of contact: it carries nothing")
             continue
         springs = ", ".join(
-            f"{coord} {e.stiffness[b, i, i]:.3f} N.m/rad ({e.stiffness[b, i, i] / e.nominal_stiffness[b, i]:.2f})"
-            for i, coord in enumerate(COORDS)
-            if e.mask[b, i]
+            f"{joint} {e.stiffness[b, i, i]:.3f} N.m/rad ({e.stiffness[b, i, i] / e.nominal_stiffness[b, i]:.2f})"
+            for i, joint in joints
         )
-        direction = " ".join(f"{e.tendon[b, i]:+.2f}" for i in range(3) if e.mask[b, i])
+        lines.append(f"  {branch:8} {springs}")
+        if e.gain[b] == 0:
+            continue
+        direction = " ".join(f"{e.tendon[b, i]:+.2f}" for i, _ in joints)
         state = "taut" if e.gate[b] > 0.8 else "slack" if e.gate[b] < 0.2 else "partly engaged"
         lines += [
-            f"  {branch:8} {springs}",
             f"           tendon ({direction}), {e.gain[b]:.3f} N.m/rad, "
             f"stretched by {np.rad2deg(e.stretch[b]):+.2f} deg, engaged {e.gate[b]:.2f}: {state}",
         ]
     compliances, directions = e.principal()
-    lines += ["", "K_x: principal compliances, softest first; directions are (translation | rotation times 0.1 m)"]
+    length = f"{e.hand.length_m:g} m"
+    lines += ["", f"K_x: principal compliances, softest first; directions are (translation | rotation times {length})"]
     for value, d in zip(compliances, directions.T, strict=True):
         kind = "translation" if np.linalg.norm(d[:3]) > np.linalg.norm(d[3:]) else "rotation"
         text = " ".join(f"{v:+.2f}" for v in d[:3]) + " | " + " ".join(f"{v:+.2f}" for v in d[3:])
@@ -164,7 +184,7 @@ class SoftMotion:
 
     compliance: float  # m/N
     shift: Array  # (3,) its share of translation
-    turn: Array  # (3,) its share of rotation, times 0.1 m
+    turn: Array  # (3,) its share of rotation, times L
     lines: tuple[Array, ...]  # (n, 3) each: one along the shift through the tool's origin; the turn's axis, with a ring
     label_at: Array  # (3,)
 
@@ -208,7 +228,7 @@ def draw(e: Explanation, out: AnyPath) -> None:
         raise AminnError(f"{out}: pictures are written as {', '.join(PICTURES)}")
     figure = Figure(figsize=(10.8, 5.6), dpi=130)
     ax = figure.add_axes((0.0, 0.07, 0.62, 0.93), projection="3d", computed_zorder=True)
-    hand = e.data.manifest["hand"]
+    hand = e.hand
     grasp = int(e.data.grasp_rows()[e.sample])
     draw_scene(
         ax,
@@ -227,31 +247,32 @@ def draw(e: Explanation, out: AnyPath) -> None:
         at = on_picture(ax, motion.label_at[None])[0]
         label = f"{rank + 1}: {1e3 * motion.compliance:.3g} mm/N"
         ax.annotate(label, at, fontsize=8, ha="center", va="bottom", bbox=LABEL, zorder=101)
-    for b, colour in enumerate(BRANCH_COLOURS):
+    for b, branch in enumerate(hand.branches):
         foot = on_picture(ax, branch_points(hand, b, e.row("q"))[:1])[0]
-        text = (
-            f"{BRANCHES[b]}\nengaged {e.gate[b]:.2f}" if e.row("contacts")[b, 0] > 0 else f"{BRANCHES[b]}\nno contact"
-        )
-        ax.annotate(text, foot, color=colour, fontsize=8, ha="center", va="top", bbox=LABEL, zorder=101)
+        state = f"\nengaged {e.gate[b]:.2f}" if e.gain[b] > 0 else ""
+        text = branch.name + (state if e.row("contacts")[b, 0] > 0 else "\nno contact")
+        ax.annotate(text, foot, color=BRANCH_COLOURS[b], fontsize=8, ha="center", va="top", bbox=LABEL, zorder=101)
     bars = figure.add_axes((0.68, 0.6, 0.3, 0.32))
-    names = [(b, i) for b in range(3) for i in range(3) if e.mask[b, i]]
-    ratio = [e.stiffness[b, i, i] / e.nominal_stiffness[b, i] for b, i in names]
-    bars.bar(range(len(names)), ratio, color=[BRANCH_COLOURS[b] for b, _ in names])
+    names = [(b, i, joint) for b in range(len(hand.branches)) for i, joint in e.joints_of(b)]
+    ratio = [e.stiffness[b, i, i] / e.nominal_stiffness[b, i] for b, i, _ in names]
+    bars.bar(range(len(names)), ratio, color=[BRANCH_COLOURS[b] for b, _, _ in names])
     bars.axhline(1, color="#777777", linewidth=0.8)
     bars.set_yscale("log")
     bars.set_ylim(min(0.4, 0.9 * min(ratio)), max(2.5, 1.1 * max(ratio)))
     bars.set_yticks([0.5, 1, 2], ["0.5", "1", "2"])
     bars.minorticks_off()
-    bars.set_xticks(range(len(names)), [f"{BRANCHES[b]}\n{COORDS[i]}" for b, i in names])
+    many = len(names) > 9
+    labels = [f"{hand.branches[b].name}{' ' if many else chr(10)}{joint}" for b, _, joint in names]
+    bars.set_xticks(range(len(names)), labels, rotation=90 if many else 0)
     bars.set_title("joint stiffness, times nominal", fontsize=9, loc="left")
     work = figure.add_axes((0.68, 0.12, 0.3, 0.34))
-    scaled = np.repeat([1e3, 1e3 * LENGTH_SCALE_M], 3)
+    scaled = np.repeat([1e3, 1e3 * hand.length_m], 3)
     at = np.arange(6)
     work.bar(at - 0.2, scaled * e.dx, 0.4, color="#1f5fa8", label="predicted")
     work.bar(at + 0.2, scaled * e.row("dx_ht"), 0.4, color="#111111", label="simulated")
     work.axhline(0, color="#777777", linewidth=0.8)
     work.set_xticks(at, ["x", "y", "z", "rot x", "rot y", "rot z"])
-    work.set_title("motion, mm (rotations times 0.1 m)", fontsize=9, loc="left")
+    work.set_title(f"motion, mm (rotations times {hand.length_m:g} m)", fontsize=9, loc="left")
     work.legend(fontsize=7, frameon=False)
     for panel in (bars, work):
         panel.tick_params(labelsize=7)

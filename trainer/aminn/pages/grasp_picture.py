@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -15,11 +15,13 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from mpl_toolkits.mplot3d.proj3d import proj_transform
 from numpy.typing import NDArray
 
+from aminn_hand import Hand
 from aminn_hand.hand import rotation
 
 Array = NDArray[np.float64]
 
-BRANCH_COLOURS = ("#1f5fa8", "#3a8f5c", "#8a5aa6")
+BRANCH_COLOURS = ("#1f5fa8", "#3a8f5c", "#8a5aa6", "#c2571a", "#2a8f9e")
+"""One a branch, as many as a hand may have."""
 TOOL_COLOUR = "#d9a441"
 LOAD_COLOUR = "#b03a48"
 GHOST = "#9a9a9a"
@@ -27,9 +29,12 @@ LABEL = {"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 1.0}
 LIGHT = np.array([0.4, -0.5, 0.77])
 # Motions smaller than this are drawn larger, and the caption says so.
 VISIBLE_M = 0.006
+SAME_POINT_M = 1e-6
+LINK_RADIUS_M = 0.008
+"""Of a fingertip that is not round, as it is drawn."""
 ARROW_M = 0.04
 TURN_M, TURN_ANGLE = 0.032, 1.5 * math.pi  # of the curved arrow about a moment's axis
-# Where the camera may stand, degrees: the thumb is left or right of the fingers, never in front of them.
+# Where the camera may stand, degrees: along the tool rather than across it.
 ELEVATION, AZIMUTHS = 18, (-28, 28, 152, -152)
 
 
@@ -37,12 +42,11 @@ ELEVATION, AZIMUTHS = 18, (-28, 28, 152, -152)
 class GraspPicture:
     """One load case. Lengths in m, angles in rad, everything in the hand's frame."""
 
-    hand: Mapping
-    """The `hand` entry of the data set's manifest."""
+    hand: Hand
     q: Array
-    """Joint angles before the load (8)."""
+    """Joint angles before the load (J)."""
     q_after: Array
-    """The same under load (8)."""
+    """The same under load (J)."""
     x_ht: Array
     """Tool pose before the load (6)."""
     dx_ht: Array
@@ -50,7 +54,7 @@ class GraspPicture:
     w_e: Array
     """The load (6), N and N.m; the moment is about the tool's origin."""
     contacts: Array
-    """Contact rows before the load (3, 8)."""
+    """Contact rows before the load (B, 8)."""
     tool_family: str
     """Name of the tool's family, for the caption."""
     tool_geoms: Array
@@ -61,15 +65,17 @@ class GraspPicture:
     """Predicted displacement (6), for the caption."""
 
 
-def branch_points(hand: Mapping, branch: int, q: Array) -> Array:
-    """Base, distal joint and centre of the fingertip of a branch (3, 3), m, by forward kinematics."""
-    joints = hand["branch_joints"][branch]
-    axes = np.asarray(hand["axis"][branch], float)
-    turns = [rotation(axes[k] * q[j]) if j >= 0 else np.eye(3) for k, j in enumerate(joints)]
-    base = np.asarray(hand["base_m"][branch], float)
-    upper, lower = turns[0] @ turns[1], turns[0] @ turns[1] @ turns[2]
-    knuckle = base + upper @ np.asarray(hand["link_a_m"][branch], float)
-    return np.stack([base, knuckle, knuckle + lower @ np.asarray(hand["link_b_m"][branch], float)])
+def branch_points(hand: Hand, branch: int, q: Array) -> Array:
+    """The joints of a branch from the palm outwards, then the pad point of its tip (n, 3), m, by forward kinematics.
+
+    Joints whose axes meet in a point are one.
+    """
+    own = hand.branches[branch]
+    angles = np.asarray(q, float)[hand.branch_joints[branch]]
+    _, anchors, _, _ = own.pose(angles)
+    points = [*anchors, own.moved(angles, np.array(own.tip_point_m))]
+    apart = [i for i, p in enumerate(points) if i == 0 or np.linalg.norm(p - points[i - 1]) > SAME_POINT_M]
+    return np.array([points[i] for i in apart])
 
 
 def _tube(start: Array, end: Array, radius: float, caps: bool = True, n: int = 20) -> list[Array]:
@@ -172,21 +178,29 @@ def _rotation_vector(turn: Array) -> Array:
     return axial / sine * math.atan2(sine, cosine)
 
 
-def _draw_hand(ax: Axes3D, hand: Mapping, q: Array) -> None:
+def _draw_hand(ax: Axes3D, hand: Hand, q: Array) -> None:
     bases = []
-    for b, colour in enumerate(BRANCH_COLOURS):
-        base, knuckle, tip = branch_points(hand, b, q)
-        bases.append(base)
-        radius = float(hand["tip_radius_m"][b])
-        for start, end, r in ((base, knuckle, 0.6 * radius), (knuckle, tip, 0.55 * radius), (tip, tip, radius)):
-            _draw_solid(ax, _tube(start, end, r), colour)
-    palm = Poly3DCollection([1e3 * np.stack(bases)], facecolors="#c9ced4", edgecolors="#9aa0a6", alpha=0.5)
+    for b, branch in enumerate(hand.branches):
+        points, colour = branch_points(hand, b, q), BRANCH_COLOURS[b]
+        bases.append(points[0])
+        radius = branch.tip_radius_m or LINK_RADIUS_M
+        for start, end in pairwise(points):
+            _draw_solid(ax, _tube(start, end, (0.55 if end is points[-1] else 0.6) * radius), colour)
+        _draw_solid(ax, _tube(points[-1], points[-1], radius), colour)
+    palm = Poly3DCollection([1e3 * _around(np.array(bases))], facecolors="#c9ced4", edgecolors="#9aa0a6", alpha=0.5)
     ax.add_collection3d(palm)
+
+
+def _around(points: Array) -> Array:
+    """The points in the order of a walk around their middle, for a polygon."""
+    apart = points - points.mean(0)
+    _, _, axes = np.linalg.svd(apart)
+    return points[np.argsort(np.arctan2(apart @ axes[1], apart @ axes[0]))]
 
 
 def _draw_ghost(ax: Axes3D, picture: GraspPicture) -> None:
     """Outlines of hand and tool before the load."""
-    lines = [1e3 * branch_points(picture.hand, b, picture.q) for b in range(len(BRANCH_COLOURS))]
+    lines = [1e3 * branch_points(picture.hand, b, picture.q) for b in range(len(picture.hand.branches))]
     ax.add_collection3d(Line3DCollection(lines, colors=GHOST, linewidths=1.4, linestyles="dashed"))
     outline = _placed(tool_outline(picture.tool_geoms), np.asarray(picture.x_ht))
     edges = Line3DCollection([1e3 * line for line in outline], colors=GHOST, linewidths=0.3, alpha=0.6)
@@ -311,14 +325,14 @@ def load_legend(w_e: Array) -> str:
 
 
 def draw_scene(
-    ax: Axes3D, hand: Mapping, q: Array, x_ht: Array, tool_geoms: Array, tool_size_m: Array, w_e: Array, title: str
+    ax: Axes3D, hand: Hand, q: Array, x_ht: Array, tool_geoms: Array, tool_size_m: Array, w_e: Array, title: str
 ) -> None:
     """One state of a grasp with the load: hand, see-through tool, force and moment."""
     ax.view_init(elev=ELEVATION, azim=_azimuth(w_e))
     faces = _placed(tool_faces(tool_geoms), x_ht)
     _draw_hand(ax, hand, q)
     _draw_solid(ax, faces, TOOL_COLOUR, 0.35)
-    reach = [branch_points(hand, b, q) for b in range(len(BRANCH_COLOURS))]
+    reach = [branch_points(hand, b, q) for b in range(len(hand.branches))]
     _frame(ax, np.concatenate([*reach, *faces]), title)
     _draw_load(ax, w_e, tool_size_m, x_ht)
 
@@ -334,7 +348,7 @@ def draw_grasp(picture: GraspPicture) -> tuple[Figure, str]:
         (q_after, _moved(picture.x_ht, factor * np.asarray(picture.dx_ht))),
     )
     half = np.asarray(picture.tool_size_m, float)
-    reach = [branch_points(picture.hand, b, q) for q, _ in states for b in range(len(BRANCH_COLOURS))]
+    reach = [branch_points(picture.hand, b, q) for q, _ in states for b in range(len(picture.hand.branches))]
     tools = [np.concatenate(_placed(tool_faces(picture.tool_geoms), pose)) for _, pose in states]
     points = np.concatenate(reach + tools)
     for k, ((q, pose), title) in enumerate(zip(states, ("before the load", "under load"), strict=True)):

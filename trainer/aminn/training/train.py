@@ -22,13 +22,13 @@ from tqdm import tqdm
 from aminn_base.errors import AminnError, OutdatedError, WriteError
 from aminn_base.lock import locked_folder
 from aminn_base.read import AnyPath
+from aminn_hand import Hand
+from aminn_hand.hand import N_WRENCH
 
 from ..data.dataset import Dataset
 from ..evaluation.metrics import all_figures, calibration_figures, choose_tau, operating_curve, pose_error
 from ..evaluation.predict import predict
-from ..hand.dims import N_BRANCH, N_WRENCH
-from ..hand.nominal import nominal_from_hand
-from ..hand.symmetry import check_symmetric, mirror_inputs, mirror_targets
+from ..hand.symmetry import Reflection
 from ..model.baseline import n_parameters
 from ..model.checkpoint import CARD, META, Checkpoint, build_model, load_checkpoint, save_checkpoint
 from ..model.config import LossWeights, TrainConfig
@@ -75,13 +75,16 @@ def _stage1_terms(module: nn.Module, kind: str) -> Callable[[Inputs, Tensor], Te
     return terms
 
 
-def _stage2_terms(module: nn.Module, kind: str, weights: LossWeights) -> Callable[[Inputs, Tensor], Terms]:
+def _stage2_terms(
+    module: nn.Module, kind: str, weights: LossWeights, length_m: float
+) -> Callable[[Inputs, Tensor], Terms]:
     def terms(x: Inputs, y: Tensor) -> Terms:
-        dx, taut = y.split([N_WRENCH, N_BRANCH], -1)
+        dx, taut = y[..., :N_WRENCH], y[..., N_WRENCH:]
         if kind != "aminn":
-            return pose_terms(module(x), dx, weights)
+            return pose_terms(module(x), dx, weights, length_m)
         pred, springs, response = module(x)
-        return pose_terms(pred, dx, weights) | structural_terms(springs, response, taut, weights)
+        pose = pose_terms(pred, dx, weights, length_m)
+        return pose | structural_terms(springs, response, taut, weights, module.backbone.gated)
 
     return terms
 
@@ -95,7 +98,7 @@ def _stages(model: nn.Module, config: TrainConfig, train: Dataset, validation: D
     data = []
     for part in (train, validation):
         x, stable = part.inputs(), torch.as_tensor(part.samples["stable"] > 0)
-        motion = np.hstack([part.samples["dx_ht"], part.taut()])  # (n, 6 + 3), what stage 2 is held against
+        motion = np.hstack([part.samples["dx_ht"], part.taut()])  # (n, 6 + B), what stage 2 is held against
         data.append((x, stable, torch.as_tensor(motion, dtype=torch.float32)))
     (x, stable, motion), (xv, stable_v, motion_v) = data
     held, held_v = torch.nonzero(stable).squeeze(1), torch.nonzero(stable_v).squeeze(1)
@@ -105,7 +108,7 @@ def _stages(model: nn.Module, config: TrainConfig, train: Dataset, validation: D
     if config.kind == "mlp":
         model.stage2.out_scale.copy_(motion[held, :N_WRENCH].std(0))
     stage1 = _stage1_terms(model.stage1, config.kind)
-    stage2 = _stage2_terms(model.stage2, config.kind, config.loss)
+    stage2 = _stage2_terms(model.stage2, config.kind, config.loss, train.hand.length_m)
     return [
         _Stage("stage1", model.stage1, stage1, (x, stable.float()), (xv, stable_v.float())),
         _Stage("stage2", model.stage2, stage2, (stable_x, motion[held]), (_select(xv, held_v), motion_v[held_v])),
@@ -142,18 +145,24 @@ def _precision(module: nn.Module, dtype: torch.dtype) -> Iterator[None]:
             layer.precision = torch.float64
 
 
-def _with_mirror_images(x: Inputs, y: Tensor) -> tuple[Inputs, Tensor]:
+def mirror_of(config: TrainConfig, hand: Hand) -> Reflection | None:
+    """What the samples are shown in, if anything. Raises AminnError where it is asked for and the hand has none."""
+    mirrored = hand.mirror is not None if config.mirror is None else config.mirror
+    return Reflection(hand) if mirrored else None
+
+
+def _with_mirror_images(x: Inputs, y: Tensor, mirror: Reflection) -> tuple[Inputs, Tensor]:
     """The samples, then their mirror images in the same order."""
-    image = mirror_inputs(x)
-    return {k: torch.cat([v, image[k]]) for k, v in x.items()}, torch.cat([y, mirror_targets(y)])
+    image = mirror.inputs(x)
+    return {k: torch.cat([v, image[k]]) for k, v in x.items()}, torch.cat([y, mirror.targets(y)])
 
 
 class _Loop:
     """The optimisation of one stage; its state is what `RunState` keeps."""
 
-    def __init__(self, stage: _Stage, config: TrainConfig) -> None:
-        self.stage, self.config = stage, config
-        self.samples = _with_mirror_images(*stage.train) if config.mirror else stage.train
+    def __init__(self, stage: _Stage, config: TrainConfig, mirror: Reflection | None) -> None:
+        self.stage, self.config, self.mirror = stage, config, mirror
+        self.samples = _with_mirror_images(*stage.train, mirror) if mirror else stage.train
         self.steps_an_epoch = -(-len(stage.train[1]) // config.batch)
         settings = {"lr": config.learning_rate, "weight_decay": config.weight_decay}
         self.optimiser = torch.optim.AdamW(stage.module.parameters(), **settings, fused=True)
@@ -191,7 +200,7 @@ class _Loop:
         """One pass over the training data, then the validation loss; keeps the best weights."""
         (x, y), n = self.samples, len(self.stage.train[1])
         order = torch.randperm(n, generator=self.rng)
-        if self.config.mirror:
+        if self.mirror:
             order = order + n * torch.randint(2, (n,), generator=self.rng)
         total = 0.0
         self.stage.module.train()
@@ -329,18 +338,16 @@ def train(
         return finished
     torch.set_num_threads(1)
     torch.manual_seed(config.seed)
-    nominal = nominal_from_hand(dataset.manifest["hand"])
-    if config.mirror:
-        check_symmetric(nominal)
-    model = build_model(config.kind, config.model, nominal)
+    mirror = mirror_of(config, dataset.hand)
+    model = build_model(config.kind, config.model, dataset.hand)
     stages = _stages(model, config, parts["train"], parts["validation"])
     with locked_folder(out):
         finished = _finished(out, identity)  # by another process meanwhile
         if finished is not None:
             return finished
         resumed = load_run(out, identity)
-        history = _optimise(model, stages, config, out, identity, resumed, bar_position, tensorboard)
-        meta = _result(model, parts, dataset.manifest)
+        history = _optimise(model, stages, config, mirror, out, identity, resumed, bar_position, tensorboard)
+        meta = _result(model, parts, dataset)
         meta |= {"seed": config.seed, "identity": identity, "history": history}
         (out / CARD).unlink(missing_ok=True)  # it would be held against the new files
         save_checkpoint(out, model, meta)
@@ -363,6 +370,7 @@ def _optimise(
     model: nn.Module,
     stages: list[_Stage],
     config: TrainConfig,
+    mirror: Reflection | None,
     out: Path,
     identity: dict,
     resumed: RunState | None,
@@ -378,7 +386,7 @@ def _optimise(
             _ = range(len(stages))[progress["stage"]], range(progress["epoch"])
     board = _Board(out / BOARD if tensorboard else None, progress["stage"] * config.epochs + progress["epoch"])
     for index in range(progress["stage"], len(stages)):
-        loop = _Loop(stages[index], config)
+        loop = _Loop(stages[index], config, mirror)
         loop.seed(index)
         done = 0
         if resumed is not None and index == progress["stage"]:
@@ -403,20 +411,20 @@ def _optimise(
     return progress["history"]
 
 
-def _result(model: nn.Module, parts: dict[str, Dataset], manifest: dict) -> dict:
+def _result(model: nn.Module, parts: dict[str, Dataset], dataset: Dataset) -> dict:
     """What is known of a trained model: its threshold, its figures on validation data, what it was trained on."""
-    validation = parts["validation"]
+    validation, manifest, length_m = parts["validation"], dataset.manifest, dataset.hand.length_m
     s, out = validation.samples, predict(model, validation)
-    stable, error = s["stable"] > 0, pose_error(out["dx_ht"], s["dx_ht"])
+    stable, error = s["stable"] > 0, pose_error(out["dx_ht"], s["dx_ht"], length_m)
     tau = choose_tau(out["p_stable"], stable, error)
-    figures = all_figures(s["w_e"], s["dx_ht"], stable, out["dx_ht"], out["p_stable"] >= tau)
+    figures = all_figures(s["w_e"], s["dx_ht"], stable, out["dx_ht"], out["p_stable"] >= tau, length_m)
     figures |= calibration_figures(out["p_stable"], stable)
     return {
         "tau": tau,
         "operating_curve": operating_curve(out["p_stable"], stable, error),
         "validation": figures,
         "data": {
-            "hand": manifest["hand"].get("name", ""),
+            "hand": dataset.hand.name,
             "simulator": manifest.get("simulator", ""),
             **{f"{name}_samples": len(part) for name, part in parts.items()},
             **{f"{name}_grasps": len(np.unique(part.samples["grasp_id"])) for name, part in parts.items()},

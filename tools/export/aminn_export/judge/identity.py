@@ -16,7 +16,7 @@ import onnx
 from onnx import numpy_helper
 
 from aminn.data.dataset import Dataset
-from aminn.hand.nominal import nominal_from_hand
+from aminn.model.export_tables import geometry_tables
 from aminn_base.errors import AminnError
 
 from ..files.bin_model import BinModel, model_crc
@@ -26,17 +26,15 @@ from ..files.onnx_model import DEBUG_FILE, ONNX_FILE, build_onnx, onnx_metadata
 from ..samples.golden import GOLDEN_FILE
 from ..samples.vectors import read_vectors
 
-# Table of the model -> field of the hand's nominal mechanics that it was made from.
-_GEOMETRY = {"geom_base": "base", "geom_axis": "axis", "geom_link_a": "link_a", "coord_mask": "coord_mask"}
 _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 _TOKEN = re.compile(r"\w[\w.+-]*|\S")
 
 
 def check_model_hand(model: BinModel, dataset: Dataset, source: Path) -> None:
     """Raises AminnError where the data set in `source` is of a hand of another geometry than the model's."""
-    nominal = nominal_from_hand(dataset.manifest["hand"])
-    for table, name in _GEOMETRY.items():
-        mine, other = model.tensors[table], getattr(nominal, name)
+    tables = geometry_tables(dataset.hand) | {"coord_mask": dataset.hand.coordinate_mask}
+    for table, other in tables.items():
+        mine, name = model.tensors[table], table.removeprefix("geom_")
         if not np.allclose(np.reshape(mine, np.shape(other)), other, rtol=1e-5, atol=1e-7):
             raise AminnError(f"{source}: of another hand than the model (they differ in {name}); give data of its hand")
 

@@ -8,7 +8,7 @@ python -m aminn_export.judge.misreadings --model tests/golden/aminn_model.bin --
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from aminn.data.dataset import Dataset, load_dataset
 from aminn.evaluation.analysis import turned
 from aminn.evaluation.evaluate import align_columns
-from aminn.hand.dims import N_BRANCH
 from aminn.pages.grasp_picture import branch_points
 from aminn_base.errors import AminnError
+from aminn_hand import Hand
 
 from ..files.known_answer import runtime
 from ..files.layout import N_STATE
@@ -162,9 +162,9 @@ def _outputs(blob: bytes, s: State) -> tuple[NDArray[np.uint32], NDArray[np.int3
     return outputs, status[:, 0]
 
 
-def chain_gap(hand: Mapping, s: State) -> Array:
+def chain_gap(hand: Hand, s: State) -> Array:
     """Largest distance (n), m, of a contact from where joint angles and normal put the fingertip's surface."""
-    tips = np.array([[branch_points(hand, b, q)[-1] for b in range(N_BRANCH)] for q in s["q"]])
+    tips = np.array([[branch_points(hand, b, q)[-1] for b in range(len(hand.branches))] for q in s["q"]])
     gaps = tips + TIP_RADIUS_M * s["contacts"][..., 4:7] - s["contacts"][..., 1:4]
     return np.linalg.norm(gaps, axis=2).max(1)
 
@@ -186,7 +186,7 @@ def costs(model: Path, dataset: Dataset) -> dict[str, Cost]:
             float((outputs[ok, STABLE_WORD] != decided[ok, STABLE_WORD]).mean()) if ok.any() else 0.0,
             float((ok & (outputs[:, NOTES_WORD] & OUT_OF_RANGE > 0)).mean()),
             float((~ok).mean()),
-            float((chain_gap(dataset.manifest["hand"], s) > CHAIN_LIMIT_M).mean()),
+            float((chain_gap(dataset.hand, s) > CHAIN_LIMIT_M).mean()),
         )
     return found
 
