@@ -25,16 +25,29 @@ AMINN_INLINE Branches exponential(Branches x)
     return Branches{exponential(x[0]), exponential(x[1]), kSideBySide > 2 ? exponential(x[2]) : 0.0F,
                     kSideBySide > 3 ? exponential(x[3]) : 0.0F};
 }
-// of n branches; the places of others hold the number of the first
+constexpr bool kOneGroup = kBranch == kSideBySide;
+
+// Which of n branches place k holds: its own, or the first one where there is none.
+template <int k>
+AMINN_INLINE int branch_in(int n)
+{
+    if constexpr (k >= kSideBySide) {
+        return 0;
+    } else if constexpr (kOneGroup) {
+        return k;
+    } else {
+        return k < n ? k : 0;
+    }
+}
 AMINN_INLINE Branches gather(const float *p, int stride, int n)
 {
-    return Branches{p[0], p[n > 1 ? stride : 0], p[n > 2 ? 2 * stride : 0], p[n > 3 ? 3 * stride : 0]};
+    return Branches{p[0], p[branch_in<1>(n) * stride], p[branch_in<2>(n) * stride], p[branch_in<3>(n) * stride]};
 }
 AMINN_INLINE void scatter(Branches x, float *p, int stride, int n)
 {
     AMINN_UNROLL_ROWS
     for (int k = 0; k < kSideBySide; ++k) {
-        if (k < n) {
+        if (kOneGroup || k < n) {
             p[k * stride] = x[k];
         }
     }
