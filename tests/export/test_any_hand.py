@@ -89,6 +89,7 @@ def test_intermediate_values_are_those_of_float64(hand: Hand, model: Model, stat
         assert np.median(relative) < 1e-4 and relative.max() < 0.1, name
     without = np.array([branch.gated_tendon is None for branch in hand.branches])
     assert (out["gate"][:, without] == 0).all() and (out["s1_gate"][:, ~without].max(0, initial=0) > 0.1).all()
+    assert not out["s2_tendon_dir"][:, without].any() and not out["s2_tendon_gain"][:, without].any()
     if not hand.dims.gates:
         np.testing.assert_array_equal(out["s2_dx"], out["s2_dx0"])
         assert not any(out[f"s1_{k}"].any() for k in ("tendon_dir", "tendon_gain", "gate_params"))

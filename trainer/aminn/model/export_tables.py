@@ -114,6 +114,7 @@ def export_tables(checkpoint: Checkpoint) -> ExportedModel:
             "format_version": FORMAT_VERSION,
             "branches": [b.name for b in model.hand.branches],
             "joints": list(model.hand.joints),
+            "hand_description": model.hand.as_dict(),
             "branch_joints": [list(row) for row in model.hand.coordinate_joints],
             "checkpoint_sha256": checkpoint.sha256,
             "tau": float(np.float32(checkpoint.meta["tau"])),

@@ -120,6 +120,8 @@ class _AminnGraph:
         length = float(self.meta["length_scale"])
         self.scale = np.array([1.0] * 3 + [1.0 / length] * 3, np.float32)
         self.s = self.g.constant("length_scaling", self.scale)
+        gain = self.tensors.get("tendon_gain_nom", np.zeros(self.dims.branches, np.float32))
+        self.has_tendon = (gain > 0)[:, None].astype(np.float32)  # (B, 1)
 
     def both(self, name: str) -> Array:
         """A table of both stages, stacked: (2, ...)."""
@@ -233,7 +235,9 @@ class _AminnGraph:
         d, be, rh = loose
         diag, gain, alpha = g.split(positive, sizes(dims, EXP), 3, ["chol_diag", "tendon_gain_col", "alpha"])
         chol = self.chol_packed(diag, off)  # (S, N, B, C (C + 1) / 2)
-        direction = self.unit(g.op("Add", d, g.constant("tendon_dir_nom", t["tendon_dir_nom"]), name="dir_raw"), mask)
+        direction = self.unit(
+            g.op("Add", d, g.constant("tendon_dir_nom", t["tendon_dir_nom"]), name="dir_raw"), mask * self.has_tendon
+        )
         beta = g.op("Mul", be, g.constant("beta_scale", t["gate_nom"][1]), name="beta")
         rho = g.op("Add", rh, g.constant("rho_nom", t["gate_nom"][2]), name="rho")
         return dict(chol=chol, diagonal=diag, tendon_dir=direction, gain=gain, alpha=alpha, beta=beta, rho=rho)
@@ -492,10 +496,9 @@ class _AminnGraph:
         slack = g.op("Sub", eta, springs["beta"], name="slack")
         stretch = g.op("Mul", springs["alpha"], slack, name="stretch")
         gate = g.op("Sigmoid", g.op("Add", stretch, springs["rho"], name="gate_logit"), name="gate_col")
-        has_tendon = self.tensors["tendon_gain_nom"] > 0
-        if has_tendon.all():
+        if self.has_tendon.all():
             return gate
-        return g.op("Mul", gate, g.constant("has_tendon", has_tendon[:, None]), name="gate_live")
+        return g.op("Mul", gate, g.constant("has_tendon", self.has_tendon), name="gate_live")
 
     def fade(self, size: str) -> str:
         """What K_x and gates count for (N, A) when the tool moves by `size` (N, 1): less beyond L."""

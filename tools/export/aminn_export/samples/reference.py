@@ -80,7 +80,7 @@ class Reference:
             none = dict(tendon_dir=(n_c,), tendon_gain=(), gate_params=(3,))
             return dict(k_spring=k_spring) | {k: np.zeros((len(y), n_b, *shape)) for k, shape in none.items()}
         gate_nom = t["gate_nom"]
-        v = (t["tendon_dir_nom"] + y[..., at : at + n_c]) * mask
+        v = (t["tendon_dir_nom"] + y[..., at : at + n_c]) * mask * self.has_tendon[:, None]
         gain, alpha, beta, rho = np.moveaxis(y[..., at + n_c :], -1, 0)
         direction = v / np.sqrt((v * v).sum(-1, keepdims=True) + 1e-12)
         gain = t["tendon_gain_nom"] * np.exp(r * np.tanh(gain))
