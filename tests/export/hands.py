@@ -9,15 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aminn_export.files.ranges import state_ranges
-from aminn_export.files.tables import HAND, STAGES
+from aminn_export.files.tables import HAND, STAGES, dims_of
 from aminn_export.samples.reference import Reference
-from aminn_hand.hand import Branch, Coordinate, Hand, Tendon
+from aminn_hand.hand import Branch, ContactModel, Coordinate, Hand, Tendon
 from aminn_sim.hand_file import default_hand_file
 from aminn_sim.understand import understand
 
 SHIPPED = default_hand_file().parent / "hands"
 WIDTHS = (16, 24, 12)
 """Of contact summary, trunk and classifier."""
+SOFT = ContactModel("soft_finger", 0.003)
 WRENCH_LOG_SCALE = (0.1, 0.1, 0.1, 0.005, 0.005, 0.005)
 
 
@@ -65,6 +66,8 @@ HANDS = {
     "aero_like": lambda: shipped("aero_like"),  # 3, 3, 3, 3, 4
     "five_by_five": lambda: made_up((5,) * 5, (1,) * 5, "five_by_five"),
     "two_by_one": lambda: made_up((1, 1), (0, 0), "two_by_one"),
+    "soft_gripper": lambda: replace(shipped("gripper"), name="soft_gripper", contact=SOFT),
+    "soft_three": lambda: replace(made_up((3, 1, 2), (0, 0, 0), "soft_three"), contact=SOFT),
     "one_cable": lambda: made_up((2, 4, 1), (0, 2, 0), "one_cable"),  # one branch of three has a gate
 }
 
@@ -97,7 +100,8 @@ def _nominal(hand: Hand) -> dict[str, NDArray]:
         "geom_anchor": anchor,
     }
     tendons = {"tendon_dir_nom": direction, "tendon_gain_nom": gain, "gate_nom": np.array([20.0, 0.05, 2.0])}
-    return tables | (tendons if dims.gates else {})
+    soft = {"twist_nom": np.full(b, 1e-3)} if hand.contact.kind == "soft_finger" else {}
+    return tables | (tendons if dims.gates else {}) | soft
 
 
 def _random_table(rng: np.random.Generator, name: str, shape: tuple[int, ...]) -> NDArray:
@@ -121,9 +125,10 @@ def _normalisers(x: dict[str, NDArray]) -> dict[str, NDArray]:
 
 def random_model(hand: Hand, seed: int = 0) -> Model:
     """Random weights on the hand's nominal mechanics; eps_m differs by branch and stage as the hand's does."""
-    rng, dims, (hc, h, hd) = np.random.default_rng(seed), hand.dims, WIDTHS
+    rng, (hc, h, hd) = np.random.default_rng(seed), WIDTHS
     x = random_states(hand, 200, seed + 1)
     tensors = _nominal(hand)
+    dims = dims_of(tensors)
     sizes = {"contact": (hc, dims.contact_input), "trunk1": (h, hc + dims.global_input), "trunk2": (h, h)}
     sizes["head"] = (dims.head, h)
     for stage in STAGES:

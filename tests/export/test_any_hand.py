@@ -45,7 +45,7 @@ def _run(model: Model, inputs: dict, debug: bool = False) -> dict[str, np.ndarra
 
 
 def test_counts_come_from_the_tables(hand: Hand, model: Model) -> None:
-    found, dims = dims_of(model.tensors), hand.dims
+    found, dims = dims_of(model.tensors), replace(hand.dims, twist=hand.contact.kind == "soft_finger")
     assert (found.inputs, found.outputs, found.debug) == (dims.inputs, dims.outputs, dims.debug)
     assert (found.head, found.aux, found.gates) == (dims.head, dims.aux, dims.gates)
 
@@ -99,6 +99,23 @@ def test_both_float64_forms_agree(model: Model, states: dict[str, np.ndarray]) -
     plain, root = Reference(model)(states), SquareRootReference(model)(states)
     for name in OUTPUTS:
         np.testing.assert_allclose(root[name], plain[name], rtol=1e-5, atol=1e-8 * np.abs(plain[name]).max())
+
+
+def test_soft_fingertips_resist_a_twist(hand: Hand, model: Model, states: dict[str, np.ndarray]) -> None:
+    """About the normals of closed contacts, and by what the head says: the rest of K_x stays."""
+    if hand.contact.kind != "soft_finger":
+        assert "twist_nom" not in model.tensors
+        return
+    none = replace(model, tensors=model.tensors | {"twist_nom": np.zeros_like(model.tensors["twist_nom"])})
+    added = Reference(model)(states)["k_x"] - Reference(none)(states)["k_x"]
+    if hand.dims.gates:  # which change with it
+        assert np.abs(added[:, 3:, 3:]).max() > 1e-4
+        return
+    np.testing.assert_allclose(added[:, :3], 0, atol=1e-9 * np.abs(added).max())
+    normal, closed = states["contacts"][..., 4:7].astype(float), states["contacts"][..., 0] > 0
+    along = np.einsum("nbi,nij,nbj->nb", normal, added[:, 3:, 3:], normal)
+    assert (along[closed] > 1e-4).all() and np.linalg.eigvalsh(added[:, 3:, 3:])[:, 0].min() > -1e-12
+    assert np.trace(added, axis1=1, axis2=2).std() > 1e-5
 
 
 @pytest.mark.parametrize("n", [0, 1, 7])

@@ -171,6 +171,8 @@ class Dims:
     joints: int
     tendons: int
     gates: int
+    twist: bool = False
+    """Of an exported model: its head gives how much each contact resists twisting, of soft fingertips."""
 
     @property
     def state(self) -> int:
@@ -217,12 +219,14 @@ class Dims:
     def head_parts(self) -> dict[str, slice]:
         """Where each correction stands that the mechanics head gives for a branch. Tables, files and models follow it.
 
-        Without gates it gives the Cholesky factor alone.
+        Without gates and twist it gives the Cholesky factor alone.
         """
         c = self.coordinates
         sizes = {"diagonal": c, "below": self.cholesky - c}
         if self.gates:
             sizes |= {"direction": c, "gain": 1, "alpha": 1, "beta": 1, "rho": 1}
+        if self.twist:
+            sizes |= {"twist": 1}
         ends = np.cumsum([0, *sizes.values()]).tolist()
         return {name: slice(a, b) for name, (a, b) in zip(sizes, pairwise(ends), strict=True)}
 

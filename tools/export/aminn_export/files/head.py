@@ -7,14 +7,14 @@ from numpy.typing import NDArray
 
 from aminn_hand.hand import Dims
 
-PARTS = ("diagonal", "gain", "alpha", "below", "direction", "beta", "rho")
+PARTS = ("diagonal", "gain", "alpha", "twist", "below", "direction", "beta", "rho")
 """Of `Dims.head_parts`: what goes through tanh and then exp, what goes through tanh alone, the rest."""
-TANH = ("diagonal", "gain", "alpha", "below")
-EXP = ("diagonal", "gain", "alpha")
+TANH = ("diagonal", "gain", "alpha", "twist", "below")
+EXP = ("diagonal", "gain", "alpha", "twist")
 
 
 def head_order(dims: Dims, parts: tuple[str, ...] = PARTS) -> NDArray[np.int64]:
-    """Places in a branch's row of the exported head, in the order of `parts`; a hand without gates lacks some."""
+    """Places in a branch's row of the exported head, in the order of `parts`, of which it may lack some."""
     row = np.arange(dims.branch_head)
     return np.concatenate([row[dims.head_parts[part]] for part in parts if part in dims.head_parts])
 

@@ -38,6 +38,7 @@ CHOL_ADJUGATE = (
     (0, 5, -1, 2, 1),
     (0, 1, 1, 2, 2),
 )
+POSITIVE_NAMES = {"diagonal": "chol_diag", "gain": "tendon_gain_col", "alpha": "alpha", "twist": "twist"}
 UNITS = {
     "q": "rad",
     "x_ht": "m, rad (rotation vector)",
@@ -165,9 +166,9 @@ class _AminnGraph:
         blocks = [g.reshape(name, [0, 0, size], f"{name}_rows") for name, size in (("j_q", n_q), ("j_x", n_x))]
         rows = g.op("Concat", "contacts", *blocks, name="contact_rows", axis=2)  # (N, B, 8 + 3 C + 18)
         pieces = [1, N_CONTACT_FEATURE - 1 + n_q, n_x]
-        flag, raw, a = g.split(rows, pieces, 2, ["contact", "contact_raw", "a_rows"])
+        flag, self.contact_raw, a = g.split(rows, pieces, 2, ["contact", "contact_raw", "a_rows"])
         self.a_s_rows = g.op("Mul", a, g.constant("a_scaling", np.tile(self.scale, 3)), name="a_scaled")
-        seen = g.op("Mul", flag, raw, name="contact_seen")
+        seen = g.op("Mul", flag, self.contact_raw, name="contact_seen")
         u = g.op("Concat", flag, seen, name="contact_features", axis=2)  # (N, B, 8 + 3 C)
         return flag, g.reshape(u, [0, self.dims.contact_input], "z_c")
 
@@ -222,25 +223,34 @@ class _AminnGraph:
         if dims.gates:
             reach += [ones, ones]
             nominal += [t["tendon_gain_nom"][:, None], t["gate_nom"][0] * ones]
+        if dims.twist:
+            reach += [2 * ones]
+            nominal += [t["twist_nom"][:, None]]
         in_exp, off = squashed, ""
         if c > 1:
             pieces = [sum(sizes(dims, EXP)), *sizes(dims, ("below",))]
             in_exp, off = g.split(squashed, pieces, 3, ["squashed_exp", "squashed_off"])
-        log_reach = np.float32(self.meta["log_range"]) * np.concatenate(reach, 1)  # (B, C + 2)
+        log_reach = np.float32(self.meta["log_range"]) * np.concatenate(reach, 1)  # (B, C + 3)
         factor = g.op("Exp", g.op("Mul", in_exp, g.constant("log_reach", log_reach), name="log_factor"), name="factor")
         centre = g.constant("nominal_positive", np.concatenate(nominal, 1))
-        positive = g.op("Mul", factor, centre, name="positive")  # (S, N, B, C + 2)
+        positive = g.op("Mul", factor, centre, name="positive")  # (S, N, B, C + 3)
+        diag, rest = positive, []
+        if dims.gates or dims.twist:
+            names = [POSITIVE_NAMES[part] for part in EXP if part in dims.head_parts]
+            diag, *rest = g.split(positive, sizes(dims, EXP), 3, names)
+        found = dict(chol=self.chol_packed(diag, off), diagonal=diag)
+        if dims.twist:
+            found["twist"] = rest.pop()
         if not dims.gates:
-            return dict(chol=self.chol_packed(positive, off), diagonal=positive)
+            return found
         d, be, rh = loose
-        diag, gain, alpha = g.split(positive, sizes(dims, EXP), 3, ["chol_diag", "tendon_gain_col", "alpha"])
-        chol = self.chol_packed(diag, off)  # (S, N, B, C (C + 1) / 2)
+        gain, alpha = rest
         direction = self.unit(
             g.op("Add", d, g.constant("tendon_dir_nom", t["tendon_dir_nom"]), name="dir_raw"), mask * self.has_tendon
         )
         beta = g.op("Mul", be, g.constant("beta_scale", t["gate_nom"][1]), name="beta")
         rho = g.op("Add", rh, g.constant("rho_nom", t["gate_nom"][2]), name="rho")
-        return dict(chol=chol, diagonal=diag, tendon_dir=direction, gain=gain, alpha=alpha, beta=beta, rho=rho)
+        return found | dict(tendon_dir=direction, gain=gain, alpha=alpha, beta=beta, rho=rho)
 
     def chol_packed(self, diag: str, off: str) -> str:
         """Packed L (S, N, B, .) from its diagonal (S, N, B, C) and the squashed corrections below it."""
@@ -405,11 +415,28 @@ class _AminnGraph:
         m = g.reshape(g.op("MatMul", force, self.a_s, name="m_row"), [*flat, N_WRENCH], "m")  # (S, N, B, 6)
         return found | dict(m=m, rest_square=rest_square)
 
-    def springs_alone(self, contact: dict[str, str]) -> dict[str, str]:
-        """Pass 1: K_x = V^T V with V^T = [Y^T | sqrt(eps_Kx) S], and x = K_x^-1 w, in scaled lengths."""
+    def twist_rows(self, twist: str) -> str:
+        """sqrt(c k) (0, n) S (S, N, B, 6): their squares are what soft fingertips add to the scaled K_x."""
+        g = self.g
+        normal = g.gather(self.contact_raw, [3, 4, 5], 2, "normal")  # (N, B, 3)
+        turning = g.op("Pad", normal, g.index("pads", [0, 0, 3, 0, 0, 0]), name="normal_rows")  # (N, B, 6)
+        scaled = g.op("Mul", turning, self.s, name="normal_scaled")
+        root = g.op("Sqrt", twist, name="root_twist")  # (S, N, B, 1)
+        held = g.op("Mul", root, self.root_flag, name="root_twist_contact")
+        return g.op("Mul", held, scaled, name="twist_rows")
+
+    def springs_alone(self, contact: dict[str, str], twist: str | None) -> dict[str, str]:
+        """Pass 1: K_x = V^T V with V^T = [Y^T | sqrt(eps_Kx) S], and x = K_x^-1 w, in scaled lengths.
+
+        Soft fingertips have rows of their own behind those of Y.
+        """
         g, root, stacked = self.g, np.sqrt(self.constants_of("eps_kx"))[:, None, None, None], 3 * self.dims.branches
         scale = self.scale.astype(np.float64)
-        y_t = self.transposed(g.reshape(contact["y"], [0, 0, stacked, 6], "y_rows"), "y_t", 4)  # (S, N, 6, 3 B)
+        y_rows = g.reshape(contact["y"], [0, 0, stacked, 6], "y_rows")
+        if twist is not None:
+            y_rows = g.op("Concat", y_rows, self.twist_rows(twist), name="y_twist_rows", axis=2)
+            stacked += self.dims.branches
+        y_t = self.transposed(y_rows, "y_t", 4)  # (S, N, 6, 3 B)
         v_t = self.beside(y_t, stacked, root * np.diag(scale), "v_t")  # (S, N, 6, 3 B + 6)
         last, done = self.gram_schmidt(v_t, N_WRENCH, 2, "v")
         rows = g.op("Concat", *done, last, name="v_rows", axis=2)
@@ -541,7 +568,7 @@ class _AminnGraph:
         if dims.gates:
             u = g.op("MatMul", g.unsqueeze(springs["tendon_dir"], [3], "dir_row"), l_it, name="u")  # (S, N, B, 1, C)
         contact = self.contact(g_t, u)
-        first = self.springs_alone(contact)
+        first = self.springs_alone(contact, springs.get("twist"))
         needed = debug or (dims.gates and self.meta["dq0"] != "statics")
         dq0 = self.joint_deflection(contact, first, l_it) if needed else None
         gate, second = self.passes(springs, contact, first, dq0)

@@ -41,7 +41,7 @@ def dims_of(tensors: Tensors) -> Dims:
         raise AminnError("model: tensor coord_mask is missing")
     mask = np.asarray(tensors["coord_mask"])
     gates = max(1, int(np.count_nonzero(tensors["tendon_gain_nom"]))) if "tendon_gain_nom" in tensors else 0
-    return Dims(mask.shape[0], mask.shape[1], int(mask.sum()), gates, gates)
+    return Dims(mask.shape[0], mask.shape[1], int(mask.sum()), gates, gates, "twist_nom" in tensors)
 
 
 def by_branch(value: object, branches: int) -> NDArray[np.float64]:

@@ -47,7 +47,7 @@ Figures = dict[str, float | int | str | bool]
 class SquareRootReference(Reference):
     """The float64 model with the statics by QR factorisations: no stiffness is formed before it is solved with."""
 
-    def _pass(self, stage: int, k_q: Array, x: dict[str, Array]) -> tuple[Array, Array, Array]:
+    def _pass(self, stage: int, k_q: Array, twist: Array, x: dict[str, Array]) -> tuple[Array, Array, Array]:
         root_m, eps_kx = np.sqrt(self.eps_m[stage])[:, None, None], pair_of(self.meta["eps_kx"])[stage]
         n, s, n_b, n_c = len(k_q), self.s, self.b, self.c
         contact = np.sqrt(x["contacts"][..., 0])[..., None, None]  # (N, B, 1, 1)
@@ -57,7 +57,9 @@ class SquareRootReference(Reference):
         q_m, r_m = np.linalg.qr(np.concatenate([g, eye], -2))  # (N, B, C + 3, 3), (N, B, 3, 3)
         y = contact * np.linalg.solve(np.swapaxes(r_m, -1, -2), x["j_x"] * s)  # (N, B, 3, 6)
         tail = np.broadcast_to(np.sqrt(eps_kx) * np.diag(s), (n, 6, 6))
-        v = np.concatenate([y.reshape(n, 3 * n_b, 6), tail], 1)  # (N, 3 B + 6, 6)
+        turning = np.concatenate([np.zeros((n, n_b, 3)), x["contacts"][..., 4:7]], 2) * s
+        held = contact[..., 0] * np.sqrt(twist)[..., None] * turning  # (N, B, 6)
+        v = np.concatenate([y.reshape(n, 3 * n_b, 6), held, tail], 1)  # (N, 4 B + 6, 6)
         q_x, r_x = np.linalg.qr(v)
         t = np.linalg.solve(np.swapaxes(r_x, -1, -2), (x["w_e"] * s)[..., None])  # (N, 6, 1)
         dx = np.linalg.solve(r_x, t)[..., 0] * s

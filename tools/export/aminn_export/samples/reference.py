@@ -61,7 +61,7 @@ class Reference:
         return _relu(h2 @ t["trunk2_w"].T + t["trunk2_b"])  # (N, H)
 
     def springs(self, stage: str, f: Array) -> dict[str, Array]:
-        """k_spring (N, B, C, C), tendon_dir (N, B, C), tendon_gain (N, B), gate_params (N, B, 3)."""
+        """k_spring (N, B, C, C), tendon_dir (N, B, C), tendon_gain (N, B), gate_params (N, B, 3), twist (N, B)."""
         t, r, n_b, n_c = self.t, float(self.meta["log_range"]), self.b, self.c
         y = f @ t[f"{stage}.head_w"].T + t[f"{stage}.head_b"]
         y = y.reshape(len(y), n_b, y.shape[1] // n_b)
@@ -76,9 +76,14 @@ class Reference:
                 chol[..., i, j] = (nom[:, at] + size * np.tanh(y[..., at])) * mask[:, i] * mask[:, j]
                 at += 1
         k_spring = chol @ np.swapaxes(chol, -1, -2)
+        twist = np.zeros((len(y), n_b))
+        if "twist_nom" in t:  # the last of a branch's numbers
+            twist = t["twist_nom"] * np.exp(2 * r * np.tanh(y[..., -1]))
+            y = y[..., :-1]
+        found = dict(k_spring=k_spring, twist=twist)
         if not self.gated:
             none = dict(tendon_dir=(n_c,), tendon_gain=(), gate_params=(3,))
-            return dict(k_spring=k_spring) | {k: np.zeros((len(y), n_b, *shape)) for k, shape in none.items()}
+            return found | {k: np.zeros((len(y), n_b, *shape)) for k, shape in none.items()}
         gate_nom = t["gate_nom"]
         v = (t["tendon_dir_nom"] + y[..., at : at + n_c]) * mask * self.has_tendon[:, None]
         gain, alpha, beta, rho = np.moveaxis(y[..., at + n_c :], -1, 0)
@@ -86,15 +91,17 @@ class Reference:
         gain = t["tendon_gain_nom"] * np.exp(r * np.tanh(gain))
         alpha = gate_nom[0] * np.exp(r * np.tanh(alpha))
         gate_params = np.stack([alpha, gate_nom[1] * beta, gate_nom[2] + rho], -1)
-        return dict(k_spring=k_spring, tendon_dir=direction, tendon_gain=gain, gate_params=gate_params)
+        return found | dict(tendon_dir=direction, tendon_gain=gain, gate_params=gate_params)
 
-    def _pass(self, stage: int, k_q: Array, x: dict[str, Array]) -> tuple[Array, Array, Array]:
-        """(K_x (N, 6, 6), dx (N, 6), dq by statics (N, B, C)) for joint stiffness k_q (N, B, C, C)."""
+    def _pass(self, stage: int, k_q: Array, twist: Array, x: dict[str, Array]) -> tuple[Array, Array, Array]:
+        """(K_x (N, 6, 6), dx (N, 6), dq by statics (N, B, C)) for joint stiffness k_q (N, B, C, C), twist (N, B)."""
         eps_m, eps_kx = self.eps_m[stage][:, None, None], pair_of(self.meta["eps_kx"])[stage]
         b, contact = -x["j_q"], x["contacts"][..., 0]
         c_bt = np.linalg.solve(k_q, np.swapaxes(b, -1, -2))  # (N, B, C, 3)
         wa = np.linalg.solve(b @ c_bt + eps_m * np.eye(3), x["j_x"] * contact[..., None, None])  # (N, B, 3, 6)
         k_x = (np.swapaxes(x["j_x"], -1, -2) @ wa).sum(1) + eps_kx * np.eye(6)  # (N, 6, 6)
+        normal = x["contacts"][..., 4:7]
+        k_x[:, 3:, 3:] += np.einsum("nb,nbi,nbj->nij", contact * twist, normal, normal)
         s = self.s
         x_s = np.linalg.solve(k_x * s[:, None] * s, (x["w_e"] * s)[..., None])[..., 0]  # (N, 6)
         dx = x_s * s
@@ -103,7 +110,7 @@ class Reference:
 
     def mechanics(self, stage: int, springs: dict[str, Array], x: dict[str, Array]) -> dict[str, Array]:
         """Both passes of a stage."""
-        _, dx0, dq0 = self._pass(stage, springs["k_spring"], x)
+        _, dx0, dq0 = self._pass(stage, springs["k_spring"], springs["twist"], x)
         if self.meta["dq0"] == "inverse":
             regular = x["j_q"] + pair_of(self.meta["eps_jq"])[stage] * np.eye(3)
             motion = x["j_x"] @ dx0[:, None, :, None]  # (N, B, 3, 1)
@@ -113,7 +120,7 @@ class Reference:
         alpha, beta, rho = np.moveaxis(springs["gate_params"], -1, 0)
         gate = _sigmoid(alpha * ((dq0 * d).sum(-1) - beta) + rho) * self.has_tendon  # (N, B)
         k_tendon = (springs["tendon_gain"] * gate)[..., None, None] * d[..., :, None] * d[..., None, :]
-        k_x, dx, _ = self._pass(stage, springs["k_spring"] + k_tendon, x)
+        k_x, dx, _ = self._pass(stage, springs["k_spring"] + k_tendon, springs["twist"], x)
         return dict(dx0=dx0, dq0=dq0, gate=gate, k_x=k_x, dx=dx)
 
     def logit(self, f: Array, response: dict[str, Array]) -> Array:
@@ -138,6 +145,7 @@ class Reference:
             f = self.features(stage, x)
             springs = self.springs(stage, f)
             response = self.mechanics(i, springs, x)
+            springs.pop("twist")
             if stage == "s1":
                 out["p_stable"] = _sigmoid(self.logit(f, response))
             out |= {f"{stage}_{name}": value for name, value in (springs | response).items()}
