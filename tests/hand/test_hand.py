@@ -70,6 +70,34 @@ def test_a_damaged_description_is_named() -> None:
         Hand.from_dict(value)
 
 
+@pytest.mark.parametrize(
+    ("path", "value", "message"),
+    [
+        ("branches.1.coordinates.0.axis", [0, 0, 2.0], r"branches\.1\.coordinates\.0\.axis: has length 2, expected 1"),
+        ("branches.1.coordinates.0.axis", [0, 1.0], "axis: has 2 numbers, expected 3"),
+        ("branches.0.coordinates.2.anchor_m", [0, 0, float("nan")], "anchor_m: is not finite"),
+        ("branches.0.coordinates.2.spring_Nm_rad", -1.0, "spring_Nm_rad: is -1.0, expected a number of 0 or more"),
+        ("branches.0.coordinates.2.high_rad", -9.0, "high_rad: is -9.0, less than low_rad"),
+        ("branches.2.tendons.1.arm_m", [0.01], "arm_m: has 1 numbers, expected 2"),
+        ("branches.2.eps_m", 0.0, "eps_m: is 0.0, expected a positive number"),
+        ("branches.2.eps_m", "soft", "eps_m: .*valid number"),
+        ("branches.1.name", "thumb", "branches: two are called thumb"),
+        ("length_m", 0.0, "length_m: is 0.0, expected a positive number"),
+        ("mirror.branches", [1, 1, 2], "mirror.branches: is .1, 1, 2., expected each of 3 branches once"),
+        ("branches", [], "0 branches; 2 to 5 are supported"),
+    ],
+)
+def test_numbers_that_no_hand_has_are_named(path: str, value: object, message: str) -> None:
+    whole = json.loads(json.dumps(understand(MODELS / "hand.toml").hand.as_dict()))
+    *steps, last = path.split(".")
+    at = whole
+    for step in steps:
+        at = at[int(step) if step.isdigit() else step]
+    at[last] = value
+    with pytest.raises(AminnError, match=message):
+        Hand.from_dict(whole)
+
+
 def test_the_built_in_hand_is_read_as_the_simulator_reads_it(tmp_path: Path) -> None:
     """Geometry, springs and tendons as in the manifest of a data set."""
     from aminn_sim.hand_file import read_hand_file

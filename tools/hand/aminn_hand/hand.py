@@ -9,7 +9,8 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+import sys
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -30,6 +31,8 @@ LENGTH_M = 0.1
 """Characteristic length of a hand that tells none."""
 LEAST_MOTION_M = 1e-12
 """Least size of a motion that is divided by, so that no motion at all can be."""
+UNIT_SLACK = 1e-6
+"""By how much the length of a unit vector may differ from 1."""
 N_WRENCH = 6
 N_CONTACT_FEATURE = 8
 """In contact, position (3), normal (3), normal force."""
@@ -433,13 +436,63 @@ class Hand:
 
     @staticmethod
     def from_dict(value: Mapping[str, Any]) -> Hand:
-        """Read what `as_dict` gave. Raises AminnError that names what is missing."""
+        """Read what `as_dict` gave. Raises AminnError that names what is missing, or what cannot be."""
         try:
-            return _HAND.validate_python(value)
+            hand = _HAND.validate_python(value)
         except ValidationError as error:
             first = error.errors()[0]
             where = ".".join(map(str, first["loc"]))
             raise AminnError(f"not the description of a hand: {where}: {first['msg']}") from error
+        for place, fault in _faults(hand):
+            raise AminnError(f"not the description of a hand: {place}: {fault}")
+        return hand
 
 
 _HAND = TypeAdapter(Hand)
+
+
+def _faults(hand: Hand) -> Iterator[tuple[str, str]]:
+    """(place, what is wrong) of numbers that a hand cannot have."""
+
+    def vector(place: str, values: Sequence[float], n: int, unit: bool = False) -> Iterator[tuple[str, str]]:
+        if len(values) != n:
+            yield place, f"has {len(values)} numbers, expected {n}"
+        elif not np.isfinite(values).all():
+            yield place, "is not finite"
+        elif unit and abs(math.hypot(*values) - 1) > UNIT_SLACK:
+            yield place, f"has length {math.hypot(*values):.3g}, expected 1"
+
+    def number(place: str, value: float, least: float) -> Iterator[tuple[str, str]]:
+        if not (math.isfinite(value) and value >= least):
+            yield place, f"is {value}, expected {'a positive number' if least > 0 else 'a number of 0 or more'}"
+
+    names = [branch.name for branch in hand.branches]
+    if len(set(names)) < len(names):
+        yield "branches", f"two are called {max(names, key=names.count)}"
+    for b, branch in enumerate(hand.branches):
+        own, n = f"branches.{b}", len(branch.coordinates)
+        yield from vector(f"{own}.tip_point_m", branch.tip_point_m, 3)
+        yield from number(f"{own}.eps_m", branch.eps_m, sys.float_info.min)
+        yield from number(f"{own}.tip_radius_m", branch.tip_radius_m, 0)
+        for i, c in enumerate(branch.coordinates):
+            place = f"{own}.coordinates.{i}"
+            yield from vector(f"{place}.axis", c.axis, 3, unit=True)
+            yield from vector(f"{place}.anchor_m", c.anchor_m, 3)
+            yield from vector(f"{place}.limits", (c.low_rad, c.high_rad, c.reference_rad), 3)
+            if c.low_rad > c.high_rad:
+                yield f"{place}.high_rad", f"is {c.high_rad}, less than low_rad"
+            yield from number(f"{place}.spring_Nm_rad", c.spring_Nm_rad, 0)
+            yield from number(f"{place}.servo_Nm_rad", c.servo_Nm_rad, 0)
+        for i, tendon in enumerate(branch.tendons):
+            yield from vector(f"{own}.tendons.{i}.arm_m", tendon.arm_m, n)
+            yield from number(f"{own}.tendons.{i}.stiffness_N_m", tendon.stiffness_N_m, 0)
+        for i, coupling in enumerate(branch.couplings):
+            yield from vector(f"{own}.couplings.{i}.ratio", coupling.ratio, n)
+            yield from number(f"{own}.couplings.{i}.stiffness_Nm_rad", coupling.stiffness_Nm_rad, 0)
+    yield from vector("palm_normal", hand.palm_normal, 3, unit=True)
+    yield from vector("tool_axis", hand.tool_axis, 3, unit=True)
+    yield from number("length_m", hand.length_m, sys.float_info.min)
+    if hand.mirror is not None:
+        yield from vector("mirror.normal", hand.mirror.normal, 3, unit=True)
+        if sorted(hand.mirror.branches) != list(range(len(names))):
+            yield "mirror.branches", f"is {list(hand.mirror.branches)}, expected each of {len(names)} branches once"
