@@ -210,8 +210,8 @@ def _read_shard(folder: Path, entry: dict, groups: Shapes) -> Shard:
             if values.dtype.kind not in "biuf":
                 raise AminnError(f"{path}: /{group}/{name} holds {values.dtype}, expected numbers; {ANEW}")
             if values.ndim == 0 or values.shape[1:] != shape:
-                found = values.shape[1:]
-                raise AminnError(f"{path}: /{group}/{name} has rows of shape {found}, expected {shape}; {ANEW}")
+                row = values.shape[1:]
+                raise AminnError(f"{path}: /{group}/{name} has rows of shape {row}, expected {shape}; {ANEW}")
             rows = len(values) if rows is None else rows
             if len(values) != rows:
                 raise AminnError(f"{path}: /{group}/{name} has {len(values)} rows where others have {rows}; {ANEW}")

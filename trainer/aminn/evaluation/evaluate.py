@@ -154,7 +154,8 @@ def noise_floor(data: Dataset) -> dict[str, float]:
 
     Errors are over the cases that hold both times, `flipped` is the share of those that hold once.
     """
-    s, figures = data.samples, {}
+    s = data.samples
+    figures: dict[str, float] = {}
     again = np.flatnonzero(s["noise_row"] >= 0)
     rows = s["noise_row"][again]
     for setting, prefix in (("half_step", "noise_floor_"), ("impratio", "noise_floor_impratio_")):

@@ -47,6 +47,9 @@ def width_for(budget: int, n_in: int, n_out: int) -> int:
 class MlpStage(nn.Module):
     """Two hidden layers; the output is a logit, or a displacement in units of the training data's spread."""
 
+    wrench_log_scale: Tensor
+    out_scale: Tensor
+
     def __init__(self, config: ModelConfig, dims: Dims, budget: int, n_out: int) -> None:
         super().__init__()
         self.spread = input_spread(dims)

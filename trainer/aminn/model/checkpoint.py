@@ -24,7 +24,7 @@ FORMAT_VERSION = 4
 WEIGHTS, META, CARD = "model.safetensors", "model.json", "card.md"
 CARD_HASH = f"SHA-256 of weights and `{META}`"
 """What stands before the hash in the model card."""
-KINDS = {"aminn": Aminn, "mlp": Mlp}
+KINDS: dict[str, type[Aminn | Mlp]] = {"aminn": Aminn, "mlp": Mlp}
 ANEW = "train again"
 META_KEYS: dict[str, type | tuple[type, ...]] = {
     "kind": str,

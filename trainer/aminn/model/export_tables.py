@@ -14,7 +14,7 @@ from aminn_hand import Hand
 
 from ..hand.nominal import nominal_of
 from .checkpoint import Checkpoint
-from .network import Backbone
+from .network import Aminn, Backbone
 
 FORMAT_VERSION = 1
 # Table name -> name in the backbone's state.
@@ -53,11 +53,11 @@ def _stage_tables(prefix: str, backbone: Backbone) -> dict[str, NDArray]:
     return {prefix + name: state[key].numpy() for name, key in _BACKBONE.items()}
 
 
-def _check_exportable(checkpoint: Checkpoint) -> None:
+def _check_exportable(checkpoint: Checkpoint, model: Aminn) -> None:
     """Raises AminnError for options that the exported forms do not have."""
-    config = checkpoint.model.config
+    config = model.config
     heads = {"soft_finger": "twist_head", "slip": "slip_head"}
-    extra = [name for name, head in heads.items() if getattr(checkpoint.model.stage2.backbone, head) is not None]
+    extra = [name for name, head in heads.items() if getattr(model.stage2.backbone, head) is not None]
     if not config.heads_see_wrench:
         extra.append("heads_see_wrench = false")
     if extra:
@@ -91,7 +91,7 @@ def geometry_tables(hand: Hand) -> dict[str, NDArray]:
 def export_tables(checkpoint: Checkpoint) -> ExportedModel:
     """The tables of an AMINN checkpoint. Raises AminnError for another kind of model."""
     model = checkpoint.model
-    if model.kind != "aminn":
+    if not isinstance(model, Aminn):
         raise AminnError(
             f"{checkpoint.path}: a {model.kind} has no mechanics layer to export; give an aminn checkpoint"
         )
@@ -101,10 +101,10 @@ def export_tables(checkpoint: Checkpoint) -> ExportedModel:
     constants = model.stage2.backbone.state_dict()
     tensors |= {name: constants[name].numpy() for name in _CONSTANTS}
     tensors |= geometry_tables(model.hand)
-    _check_exportable(checkpoint)
+    _check_exportable(checkpoint, model)
     stages = [asdict(m) for m in model.config.mechanics]
-    for stage, part in zip(stages, (model.stage1, model.stage2), strict=True):
-        stage["eps_m"] = part.backbone.eps_m[0]
+    for stage, part in zip(stages, (model.stage1.backbone, model.stage2.backbone), strict=True):
+        stage["eps_m"] = part.eps_m[0]
     if stages[0]["dq0"] != stages[1]["dq0"]:
         raise AminnError(f"{checkpoint.path}: the stages differ in dq0; an exported model has one form for both")
     tensors = {k: np.ascontiguousarray(v, np.float32) for k, v in tensors.items()}

@@ -14,11 +14,10 @@ each; units are SI, axes are those of the hand.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
-from torch.autograd.function import FunctionCtx
 
 from aminn_hand.hand import N_WRENCH
 
@@ -85,6 +84,11 @@ def length_scaling(like: Tensor, length_m: float) -> Tensor:
 def batch_last(t: Tensor) -> Tensor:
     """(N, branch, ...) as (..., branch, N); nothing is copied where that is the order in memory already."""
     return t.movedim((0, 1), (-1, -2)).contiguous()
+
+
+def _last(dtype: torch.dtype, *tensors: Tensor | None) -> list[Tensor]:
+    """Those that are there, in that order and type."""
+    return [batch_last(t).to(dtype) for t in tensors if t is not None]
 
 
 def batch_first(t: Tensor) -> Tensor:
@@ -157,7 +161,7 @@ class _Statics(torch.autograd.Function):
 
     @staticmethod
     def forward(  # type: ignore[override]
-        ctx: FunctionCtx,
+        ctx: Any,
         k_q: Tensor,  # (C, C, B, N) joint stiffness of each branch
         softness: Tensor,  # (3, 3, B, N) or broadcast: compliance of each contact, m/N
         w: Tensor,  # (6, N) scaled wrench
@@ -182,7 +186,7 @@ class _Statics(torch.autograd.Function):
         return k, x, c * dq, c * v
 
     @staticmethod
-    def backward(ctx: FunctionCtx, *gradients: Tensor | None) -> tuple:  # type: ignore[override]
+    def backward(ctx: Any, *gradients: Tensor | None) -> tuple:  # type: ignore[override]
         g_k, g_x, g_dq, g_f = gradients  # None where a result was not used
         c, a, b_t, compliance, cb, p, wa, x, v, dq, *parts = ctx.saved_tensors
         factor = _Factor(*parts)
@@ -241,8 +245,8 @@ def two_pass(
     softness = softness.expand(AXES, AXES, *minus_b.shape[2:])
     floor = torch.diag(config.eps_kx * s * s)[..., None]  # (6, 6, 1)
     if extras.twist is not None:
-        more = (batch_last(t).to(dtype) for t in (extras.twist, extras.normal))
-        floor = floor + _twist_stiffness(*more, c, constants.length_m)
+        twist, normal = _last(dtype, extras.twist, extras.normal)
+        floor = floor + _twist_stiffness(twist, normal, c, constants.length_m)
     rest = (w, c, a * s[:, None, None], -minus_b.transpose(0, 1), floor)
     k, x, dq, force = _Statics.apply(k_spring, softness, *rest)
     dx0 = x * s[:, None]  # (6, N)
@@ -260,8 +264,7 @@ def two_pass(
     else:
         gate, k_tendon = torch.zeros_like(gain), torch.zeros_like(k_spring)
     if extras.slip is not None:
-        more = (batch_last(t).to(dtype) for t in (extras.slip, extras.normal, extras.normal_force))
-        softness = softness + _slip_softness(force, *more)
+        softness = softness + _slip_softness(force, *_last(dtype, extras.slip, extras.normal, extras.normal_force))
     if any(gated) or extras.slip is not None:
         k, x, _, _ = _Statics.apply(k_spring + k_tendon, softness, *rest)
     k_scaled = k.movedim(-1, 0)

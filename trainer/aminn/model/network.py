@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from aminn_base.errors import AminnError
 from aminn_hand import Dims, Hand
-from aminn_hand.hand import N_GATE, N_WRENCH
+from aminn_hand.hand import LEAST_MOTION_M, N_GATE, N_WRENCH
 
 from ..hand.nominal import Nominal, nominal_of
 from .config import MechanicsConfig, ModelConfig
@@ -32,9 +32,6 @@ from .mechanics import (
     product,
     two_pass,
 )
-
-LEAST_MOTION_M = 1e-12
-"""Least size of a motion that is divided by, so that no motion at all can be."""
 
 
 def slog(v: Tensor, scale: Tensor | float) -> Tensor:
@@ -61,6 +58,9 @@ def global_spread(dims: Dims) -> tuple[float, ...]:
 
 class Normaliser(nn.Module):
     """(v - mean) / std with constants that live in the model."""
+
+    mean: Tensor
+    inv_std: Tensor
 
     def __init__(self, size: int) -> None:
         super().__init__()
@@ -114,6 +114,14 @@ class Backbone(nn.Module):
 
     precision: torch.dtype = torch.float64
     """Arithmetic of the mechanics layer; training steps set float32."""
+    wrench_log_scale: Tensor
+    chol_nom: Tensor
+    tendon_dir_nom: Tensor
+    tendon_gain_nom: Tensor
+    gate_nom: Tensor
+    coord_mask: Tensor
+    slip_head: nn.Linear | None
+    twist_head: nn.Linear | None
 
     def __init__(self, config: ModelConfig, mechanics: MechanicsConfig, hand: Hand) -> None:
         super().__init__()
@@ -197,6 +205,8 @@ class Backbone(nn.Module):
     def _tendons(self, part: dict[str, Tensor], mask: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Direction (C, B, N), gain (B, N) and gate parameters (3, B, N) from parts of the raw head outputs."""
         d, k, al, be, rh = (part[name] for name in ("direction", "gain", "alpha", "beta", "rho"))
+        if not all(self.gated):
+            mask = mask * torch.tensor(self.gated, dtype=mask.dtype)[:, None]  # no direction where there is no tendon
         r = self.config.log_range
         v = (self.tendon_dir_nom.mT[..., None] + d) * mask  # (C, B, N)
         direction = v / torch.sqrt((v * v).sum(0) + 1e-12)

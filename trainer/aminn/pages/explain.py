@@ -20,6 +20,7 @@ from ..data.dataset import Dataset
 from ..data.origin import check_hand, same_configuration
 from ..evaluation.metrics import pose_error, pose_size
 from ..model.checkpoint import Checkpoint
+from ..model.network import Aminn
 
 Array = NDArray[np.float64]
 PICTURES = (".png", ".svg", ".pdf")
@@ -95,12 +96,12 @@ def short_name(joint: str, branch: str) -> str:
 
 def explain_sample(checkpoint: Checkpoint, data: Dataset, sample: int) -> Explanation:
     """Both stages' view of load case number `sample`. Raises AminnError for another kind of model, hand or number."""
-    if checkpoint.model.kind != "aminn":
-        raise AminnError(f"{checkpoint.path}: a {checkpoint.model.kind} has no mechanics to explain; give an aminn run")
+    model, dims = checkpoint.model, checkpoint.model.hand.dims
+    if not isinstance(model, Aminn):
+        raise AminnError(f"{checkpoint.path}: a {model.kind} has no mechanics to explain; give an aminn run")
     if not 0 <= sample < len(data):
         raise AminnError(f"sample {sample} is not there: the data set has load cases 0 to {len(data) - 1}")
     check_hand(checkpoint, data)
-    model, dims = checkpoint.model, checkpoint.model.hand.dims
     with torch.no_grad():
         out = model.debug(**data.take(np.array([sample])).inputs())
     value = {name: v[0].double().numpy() for name, v in out.items()}

@@ -29,11 +29,11 @@ from ..data.dataset import Dataset
 from ..evaluation.metrics import all_figures, calibration_figures, choose_tau, operating_curve, pose_error
 from ..evaluation.predict import predict
 from ..hand.symmetry import Reflection
-from ..model.baseline import n_parameters
+from ..model.baseline import Mlp, MlpStage, n_parameters
 from ..model.checkpoint import CARD, META, Checkpoint, build_model, load_checkpoint, save_checkpoint
 from ..model.config import LossWeights, TrainConfig
 from ..model.losses import pose_terms, structural_terms
-from ..model.network import Backbone
+from ..model.network import Aminn, Backbone, Stage1, Stage2
 from .card import write_card
 from .run_state import (
     FILE,
@@ -67,20 +67,20 @@ class _Stage:
     validation: tuple[Inputs, Tensor]
 
 
-def _stage1_terms(module: nn.Module, kind: str) -> Callable[[Inputs, Tensor], Terms]:
+def _stage1_terms(module: Stage1 | MlpStage) -> Callable[[Inputs, Tensor], Terms]:
     def terms(x: Inputs, stable: Tensor) -> Terms:
-        logit = module(x)[0] if kind == "aminn" else module(x).squeeze(-1)
+        logit = module(x)[0] if isinstance(module, Stage1) else module(x).squeeze(-1)
         return {"cross-entropy": nn.functional.binary_cross_entropy_with_logits(logit, stable)}
 
     return terms
 
 
 def _stage2_terms(
-    module: nn.Module, kind: str, weights: LossWeights, length_m: float
+    module: Stage2 | MlpStage, weights: LossWeights, length_m: float
 ) -> Callable[[Inputs, Tensor], Terms]:
     def terms(x: Inputs, y: Tensor) -> Terms:
         dx, taut = y[..., :N_WRENCH], y[..., N_WRENCH:]
-        if kind != "aminn":
+        if not isinstance(module, Stage2):
             return pose_terms(module(x), dx, weights, length_m)
         pred, springs, response = module(x)
         pose = pose_terms(pred, dx, weights, length_m)
@@ -93,22 +93,24 @@ def _select(x: Inputs, index: Tensor) -> Inputs:
     return {k: v[index] for k, v in x.items()}
 
 
-def _stages(model: nn.Module, config: TrainConfig, train: Dataset, validation: Dataset) -> list[_Stage]:
+def _stage_data(part: Dataset) -> tuple[Inputs, Tensor, Tensor]:
+    """Inputs, stability (n), and what stage 2 is held against: motion and taut tendons (n, 6 + B)."""
+    motion = np.hstack([part.samples["dx_ht"], part.taut()])
+    stable = torch.as_tensor(part.samples["stable"] > 0)
+    return part.inputs(), stable, torch.as_tensor(motion, dtype=torch.float32)
+
+
+def _stages(model: Aminn | Mlp, config: TrainConfig, train: Dataset, validation: Dataset) -> list[_Stage]:
     """Both stages with their data; fits the normalisation of a new model."""
-    data = []
-    for part in (train, validation):
-        x, stable = part.inputs(), torch.as_tensor(part.samples["stable"] > 0)
-        motion = np.hstack([part.samples["dx_ht"], part.taut()])  # (n, 6 + B), what stage 2 is held against
-        data.append((x, stable, torch.as_tensor(motion, dtype=torch.float32)))
-    (x, stable, motion), (xv, stable_v, motion_v) = data
+    (x, stable, motion), (xv, stable_v, motion_v) = map(_stage_data, (train, validation))
     held, held_v = torch.nonzero(stable).squeeze(1), torch.nonzero(stable_v).squeeze(1)
     stable_x = _select(x, held)
     model.stage1.fit_normalisers(x)
     model.stage2.fit_normalisers(stable_x)
-    if config.kind == "mlp":
+    if isinstance(model, Mlp):
         model.stage2.out_scale.copy_(motion[held, :N_WRENCH].std(0))
-    stage1 = _stage1_terms(model.stage1, config.kind)
-    stage2 = _stage2_terms(model.stage2, config.kind, config.loss, train.hand.length_m)
+    stage1 = _stage1_terms(model.stage1)
+    stage2 = _stage2_terms(model.stage2, config.loss, train.hand.length_m)
     return [
         _Stage("stage1", model.stage1, stage1, (x, stable.float()), (xv, stable_v.float())),
         _Stage("stage2", model.stage2, stage2, (stable_x, motion[held]), (_select(xv, held_v), motion_v[held_v])),
@@ -164,8 +166,8 @@ class _Loop:
         self.stage, self.config, self.mirror = stage, config, mirror
         self.samples = _with_mirror_images(*stage.train, mirror) if mirror else stage.train
         self.steps_an_epoch = -(-len(stage.train[1]) // config.batch)
-        settings = {"lr": config.learning_rate, "weight_decay": config.weight_decay}
-        self.optimiser = torch.optim.AdamW(stage.module.parameters(), **settings, fused=True)
+        rate, decay = config.learning_rate, config.weight_decay
+        self.optimiser = torch.optim.AdamW(stage.module.parameters(), lr=rate, weight_decay=decay, fused=True)
         total = config.epochs * self.steps_an_epoch
         self.schedule = torch.optim.lr_scheduler.LambdaLR(self.optimiser, lambda step: _rate(step / total))
         self.rng = torch.Generator()
@@ -229,7 +231,7 @@ class _Loop:
         """Loss terms and the norm of the gradient, which is left clipped in the parameters."""
         self.optimiser.zero_grad()
         terms = self.stage.terms(x, y)
-        sum(terms.values()).backward()
+        sum(terms.values(), torch.zeros(())).backward()
         norm = nn.utils.clip_grad_norm_(self.stage.module.parameters(), self.config.gradient_clip)
         return terms, float(norm)
 
@@ -367,7 +369,7 @@ def _whole_run(out: Path) -> Iterator[None]:
 
 
 def _optimise(
-    model: nn.Module,
+    model: Aminn | Mlp,
     stages: list[_Stage],
     config: TrainConfig,
     mirror: Reflection | None,
@@ -411,7 +413,7 @@ def _optimise(
     return progress["history"]
 
 
-def _result(model: nn.Module, parts: dict[str, Dataset], dataset: Dataset) -> dict:
+def _result(model: Aminn | Mlp, parts: dict[str, Dataset], dataset: Dataset) -> dict:
     """What is known of a trained model: its threshold, its figures on validation data, what it was trained on."""
     validation, manifest, length_m = parts["validation"], dataset.manifest, dataset.hand.length_m
     s, out = validation.samples, predict(model, validation)
