@@ -1,7 +1,7 @@
 /*
  * aminn_hand.h - the hand that library and programs are compiled for: here the reference hand, three branches.
  *
- * For another hand define AMINN_HAND_HEADER as the path of a header with the same five macros, in quotes, where library and
+ * For another hand define AMINN_HAND_HEADER as the path of a header with the same macros, in quotes, where library and
  * users are compiled. A model of another hand is refused (AMINN_E_DIMS). SPDX-License-Identifier: Apache-2.0
  */
 #ifndef AMINN_HAND_H
@@ -12,5 +12,16 @@
 #define AMINN_N_COORD 3  /* coordinates of the longest branch, 1 .. 5; a shorter one lacks those next to the palm */
 #define AMINN_N_JOINT 8  /* joints of the hand: coordinates that branches have */
 #define AMINN_N_GATED 3  /* branches with a gated tendon; 0: the hand has no gates, its models none of their numbers */
+
+/* Names of the joints in the order of q, for aminn_field_name(). */
+#define AMINN_JOINT_NAMES(X) \
+    X("finger_1_roll")       \
+    X("finger_1_proximal")   \
+    X("finger_1_distal")     \
+    X("finger_2_roll")       \
+    X("finger_2_proximal")   \
+    X("finger_2_distal")     \
+    X("thumb_proximal")      \
+    X("thumb_distal")
 
 #endif

@@ -140,7 +140,7 @@ typedef char aminn_compile_without_fpack_struct[sizeof(struct aminn_layout) == 2
 #define AMINN_VERSION_STRING "0.1.0"
 
 /* Version of the model's layout, in memory and as a blob. A model of another version is refused. */
-#define AMINN_FORMAT_VERSION 6u
+#define AMINN_FORMAT_VERSION 7u
 
 /* ---- Dimensions ------------------------------------------------------------------------------------------------ */
 
@@ -167,6 +167,14 @@ typedef char aminn_compile_without_fpack_struct[sizeof(struct aminn_layout) == 2
 #define AMINN_N_INPUT (AMINN_N_STATE + AMINN_N_BRANCH * 3 * (AMINN_N_WRENCH + AMINN_N_COORD))         /* 125 */
 #define AMINN_N_OUTPUT (1 + AMINN_N_WRENCH + AMINN_N_WRENCH * AMINN_N_WRENCH + AMINN_N_BRANCH)        /* 46 */
 
+/* The hand that the library is compiled for, as a symbol whose name tells the counts: a C model asks for that of its hand,
+ * and where the library is compiled for another the linker says which one is missing. Two libraries in one program define the
+ * same functions. */
+#define AMINN_JOINED(b, c, j, g) aminn_library_of_##b##_branches_##c##_coordinates_##j##_joints_##g##_gated
+#define AMINN_LIBRARY_OF(b, c, j, g) AMINN_JOINED(b, c, j, g)
+#define AMINN_LIBRARY AMINN_LIBRARY_OF(AMINN_N_BRANCH, AMINN_N_COORD, AMINN_N_JOINT, AMINN_N_GATED)
+extern const char AMINN_LIBRARY[];
+
 /* Largest contact_width, width and classifier_width that a context has room for. Define it before the library and its
  * users are compiled (the same for both) to save memory: sizeof(aminn_t) shrinks by 12 bytes for each unit. */
 #ifndef AMINN_MAX_WIDTH
@@ -188,7 +196,7 @@ typedef char aminn_compile_without_fpack_struct[sizeof(struct aminn_layout) == 2
     X(AMINN_E_ROTATION, -7, "the rotation vector of x_ht is longer than pi")                                          \
     X(AMINN_E_NO_CONTACT, -8, "no branch is in contact: there is no grasp to judge")                                  \
     X(AMINN_E_NUMERIC, -9, "the prediction overflowed or lost all digits: inputs far outside the physical range")     \
-    X(AMINN_E_DIMS, -10, "the model's dimensions differ from the runtime's, or a width exceeds AMINN_MAX_WIDTH")      \
+    X(AMINN_E_DIMS, -10, "the model is of another hand than the library, or a width exceeds AMINN_MAX_WIDTH")         \
     X(AMINN_E_MODEL, -11, "a table of the model is missing, or a constant is NaN or out of its range")                \
     X(AMINN_E_MAGIC, -12, "the blob is not an AMINN model")                                                           \
     X(AMINN_E_VERSION, -13, "the model has another format version than this runtime: export it again")                \
@@ -221,24 +229,25 @@ typedef enum aminn_status { AMINN_STATUS_LIST(AMINN_STATUS_ENUM) AMINN_STATUS_WI
 #define AMINN_WEIGHTS_FLOAT32 0u /* float */
 #define AMINN_WEIGHTS_FLOAT16 1u /* uint16_t that holds an IEEE binary16: half the flash, same arithmetic in float */
 
-/* Tables and constants of one stage. Widths: HC contact_width, H width. Weights are stored [input][output], so that the
- * product is a sum of contiguous rows. Every pointer is to read-only tables, normally in flash, aligned to 4 bytes. */
+/* Tables and constants of one stage. Widths: HC contact_width, H width. Lengths of the reference hand are in brackets.
+ * Weights are stored [input][output], so that the product is a sum of contiguous rows. Every pointer is to read-only tables,
+ * normally in flash, aligned to 4 bytes. */
 typedef struct aminn_stage_model {
-    float eps_m;                  /* isotropic contact compliance, m/N, > 0 */
     float eps_kx;                 /* added stiffness, N/m and N.m/rad, > 0 */
     float eps_jq;                 /* regularisation of j_q in AMINN_DQ0_INVERSE, m/rad, >= 0 */
-    const float *contact_mean;    /* (51)            normalisation of the contact input */
-    const float *contact_inv_std; /* (51) */
-    const float *global_mean;     /* (26)            normalisation of q, x_ht, w_e, signed log of w_e */
-    const float *global_inv_std;  /* (26) */
-    const void *contact_w;        /* (51 x HC)       contact summary */
+    const float *eps_m;           /* (B)                          isotropic contact compliance, m/N, > 0 */
+    const float *contact_mean;    /* (CONTACT_INPUT) [51]         normalisation of the contact input */
+    const float *contact_inv_std; /* (CONTACT_INPUT) */
+    const float *global_mean;     /* (GLOBAL_INPUT) [26]          normalisation of q, x_ht, w_e, signed log of w_e */
+    const float *global_inv_std;  /* (GLOBAL_INPUT) */
+    const void *contact_w;        /* (CONTACT_INPUT x HC)         contact summary */
     const float *contact_b;       /* (HC) */
-    const void *trunk1_w;         /* (HC + 26 x H)   input: contact summary, then global state */
+    const void *trunk1_w;         /* (HC + GLOBAL_INPUT x H)      input: contact summary, then global state */
     const float *trunk1_b;        /* (H) */
     const void *trunk2_w;         /* (H x H) */
     const float *trunk2_b;        /* (H) */
-    const void *head_w;           /* (H x 40)        mechanics head: 13 corrections for each branch, and a zero */
-    const float *head_b;          /* (40) */
+    const void *head_w;           /* (H x HEAD_STORED) [H x 40]   mechanics head: corrections for each branch, zeros */
+    const float *head_b;          /* (HEAD_STORED) */
 } aminn_stage_model_t;
 
 /* A trained model: constants and pointers to its tables. Written by `aminn export` as C source, or filled in by
@@ -251,6 +260,7 @@ typedef struct aminn_model {
     uint32_t n_joint;
     uint32_t n_contact_feature;
     uint32_t n_wrench;
+    uint32_t n_gated;
     uint32_t contact_width;        /* HC, 1 .. AMINN_MAX_WIDTH */
     uint32_t width;                /* H,  1 .. AMINN_MAX_WIDTH */
     uint32_t classifier_width;     /* HD, 1 .. AMINN_MAX_WIDTH */
@@ -266,20 +276,20 @@ typedef struct aminn_model {
     const char *name;              /* given at export, else the symbol prefix; at most 55 characters, as hand */
     const char *hand;              /* name of the hand, and 8 digits of its constants' SHA-256 */
     const char *made_by;           /* program and version that exported it, "aminn 0.1.0"; at most 39 characters */
+    const char *library;           /* AMINN_LIBRARY; null in a model that a blob holds */
     const float *wrench_log_scale; /* (6)             N, N.m; > 0 */
-    const float *chol_nom;         /* (3 x 6)         nominal springs, Cholesky factor 00 11 22 10 20 21 */
-    const float *tendon_dir_nom;   /* (3 x 3)         nominal tendon direction */
-    const float *tendon_gain_nom;  /* (3)             N.m/rad, > 0 */
+    const float *chol_nom;         /* (B x CHOLESKY)  nominal springs, Cholesky factor 00 11 22 .. 10 20 21 .. */
+    const float *tendon_dir_nom;   /* (B x C)         nominal tendon direction; null without gates, as the next two */
+    const float *tendon_gain_nom;  /* (B)             N.m/rad, >= 0; 0: the branch has no gated tendon */
     const float *gate_nom;         /* (3)             alpha 1/rad, beta rad, rho */
-    const float *coord_mask;       /* (3 x 3)         1 where a branch has the coordinate, else 0 */
-    const float *geom_base;        /* (3 x 3)         m, H: where roll and proximal axis of a branch meet */
-    const float *geom_axis;        /* (3 x 3 x 3)     unit, H: joint axes at q = 0; zeros where absent */
-    const float *geom_link_a;      /* (3 x 3)         m, H: base to distal joint at q = 0 */
-    const float *range_min;        /* (44)            smallest value of each field of aminn_state_t in training, */
-    const float *range_max;        /* (44)            and largest; both widened by 5 % of the range */
-    const float *aux_mean;         /* (15)            stage 1's classifier: normalisation of what statics gives */
-    const float *aux_inv_std;      /* (15) */
-    const void *cls1_w;            /* (H + 15 x HD)   input: trunk's output, then statics */
+    const float *coord_mask;       /* (B x C)         1 where a branch has the coordinate, else 0: it lacks the first */
+    const float *geom_axis;        /* (B x C x 3)     unit, H: joint axes at q = 0; zeros where absent */
+    const float *geom_anchor;      /* (B x C x 3)     m, H: a point on each axis at q = 0; zeros where absent */
+    const float *range_min;        /* (STATE) [44]    smallest value of each field of aminn_state_t in training, */
+    const float *range_max;        /* (STATE)         and largest; both widened by 5 % of the range */
+    const float *aux_mean;         /* (AUX) [15]      stage 1's classifier: normalisation of what statics gives */
+    const float *aux_inv_std;      /* (AUX) */
+    const void *cls1_w;            /* (H + AUX x HD)  input: trunk's output, then statics */
     const float *cls1_b;           /* (HD) */
     const void *cls2_w;            /* (HD) */
     const float *cls2_b;           /* (1) */
@@ -307,7 +317,7 @@ typedef struct aminn_state {
 } aminn_state_t;
 
 /* The same and the closure Jacobians, for callers that have them: j_x dx + j_q dq = 0 with dx the tool's motion and dq
- * that of the branch coordinates. In memory these are 125 floats in this order (vector files hold them so). */
+ * that of the branch coordinates. In memory these are AMINN_N_INPUT floats in this order (vector files hold them so). */
 typedef struct aminn_input {
     /* as in aminn_state_t */
     float q[AMINN_N_JOINT];
@@ -473,10 +483,10 @@ aminn_status_t aminn_predict_state(aminn_t *ctx, const aminn_state_t *state, ami
  * Closure Jacobians from joint angles, tool position and contacts.
  *
  *   model     checked model (aminn_init or aminn_model_check returned AMINN_OK); its geom_* tables are used.
- *   q         joint angles, rad (8).
+ *   q         joint angles, rad (J).
  *   x_ht      tool pose in H (6); only the position is used.
- *   contacts  rows of aminn_state_t.contacts (3 x 8); only flag and position are used.
- *   j_x, j_q  written (3 x 3 x 6) and (3 x 3 x 3); the blocks of a branch whose contact flag is 0 are zero.
+ *   contacts  rows of aminn_state_t.contacts (B x 8); only flag and position are used.
+ *   j_x, j_q  written (B x 3 x 6) and (B x 3 x C); the blocks of a branch whose contact flag is 0 are zero.
  *
  * Returns AMINN_OK, AMINN_E_NULL, AMINN_E_NONFINITE, or AMINN_E_NUMERIC where a joint angle exceeds 8192 rad: its sine has
  * no digits. After an error j_x and j_q are NaN throughout (where not null).
@@ -520,7 +530,7 @@ aminn_status_t aminn_model_from_blob(const void *bytes, size_t len, aminn_model_
  * The first number of a state that lies outside what the model was trained on: why AMINN_NOTE_OUT_OF_RANGE is set.
  *
  *   model  checked model.
- *   state  44 numbers in the order of its fields: q 0 .. 7, x_ht 8 .. 13, w_e 14 .. 19, contacts 20 .. 43.
+ *   state  AMINN_N_STATE numbers in the order of its fields: q, x_ht, w_e, contacts.
  *
  * Returns its index, to be looked up in range_min and range_max and named by aminn_field_name(); -1 if there is none or a
  * pointer is null. Exactly where a prediction from that state is noted as out of range it is not -1. Of a branch out of

@@ -20,6 +20,7 @@ struct Header {
     uint32_t n_joint;
     uint32_t n_contact_feature;
     uint32_t n_wrench;
+    uint32_t n_gated;
     uint32_t contact_width;
     uint32_t width;
     uint32_t classifier_width;
@@ -32,16 +33,16 @@ struct Header {
     float tau;
     uint8_t checkpoint_sha256[32];
     uint8_t data_sha256[32];
-    float eps_m[AMINN_N_STAGE];
     float eps_kx[AMINN_N_STAGE];
     float eps_jq[AMINN_N_STAGE];
+    uint32_t reserved; // 0
     char name[56];
     char hand[56];
     char made_by[40];
 };
 static_assert(sizeof(Header) == 320, "header layout");
 constexpr size_t kCrcStart = offsetof(Header, content_crc);
-constexpr size_t kSameBytes = offsetof(Header, eps_m) - offsetof(Header, content_crc);
+constexpr size_t kSameBytes = offsetof(Header, eps_kx) - offsetof(Header, content_crc);
 static_assert(offsetof(aminn_model_t, data_sha256) + sizeof(aminn_model_t::data_sha256) -
                       offsetof(aminn_model_t, content_crc) ==
                   kSameBytes,
@@ -75,7 +76,6 @@ void copy_constants(const Header &h, aminn_model_t &m)
     m.format_version = h.format_version;
     std::memcpy(&m.content_crc, &h.content_crc, kSameBytes);
     for (int i = 0; i < AMINN_N_STAGE; ++i) {
-        m.stage[i].eps_m = h.eps_m[i];
         m.stage[i].eps_kx = h.eps_kx[i];
         m.stage[i].eps_jq = h.eps_jq[i];
     }
@@ -134,7 +134,7 @@ aminn_status_t load(const uint8_t *bytes, size_t len, aminn_model_t &m)
     if (!placed) {
         return AMINN_E_SIZE;
     }
-    return named ? checked : AMINN_E_MODEL;
+    return named && header.reserved == 0 ? checked : AMINN_E_MODEL;
 }
 
 } // namespace

@@ -31,31 +31,42 @@ void tool_side(const float *r, float (*j_x)[AMINN_N_WRENCH])
     }
 }
 
-// -B, B = [z1 x s, z2 x s, z3 x (s - a)], s from the base to the contact; axes and link turned with the joints
-void joint_side(const aminn_model_t &model, int b, const float *q, const float *contact, float (*j_q)[AMINN_N_COORD])
+// A coordinate's axis, and its anchor seen from that of the coordinate before it.
+enum Vector { kAxis, kLink, kVectors };
+
+// -B: column c is z_c x (contact - anchor_c), axes and anchors turned with the coordinates before them. `first` is the
+// first coordinate that the branch has, q its angle.
+void joint_side(const aminn_model_t &model, int b, int first, const float *q, const float *contact,
+                float (*j_q)[AMINN_N_COORD])
 {
-    constexpr int kLink = AMINN_N_COORD;
-    float turned[AMINN_N_COORD + 1][3]; // z1, z2, z3, a
-    std::memcpy(turned, model.geom_axis + 9 * b, sizeof turned - sizeof *turned);
-    std::memcpy(turned[kLink], model.geom_link_a + 3 * b, sizeof *turned);
-    const int first = b == kBranch - 1 ? 1 : 0; // the thumb has no roll
-    const float *angles = q + AMINN_N_COORD * b - first;
-    for (int c = 1; c >= first; --c) { // the distal joint turns nothing that counts
-        const SineCosine angle = sine_cosine(angles[c]);
-        for (int k = c + 1; k <= kLink; ++k) {
-            turn(turned[c], angle, turned[k]);
+    constexpr int kLast = AMINN_N_COORD - 1;
+    const int row = b * AMINN_N_COORD + first;
+    const float *axis = model.geom_axis + 3 * row;
+    const float *anchor = model.geom_anchor + 3 * row;
+    const float origin[3] = {};
+    float chain[AMINN_N_COORD][kVectors][3];
+    const float *before = origin;
+    for (int c = first; c <= kLast; ++c) {
+        std::memcpy(chain[c][kAxis], axis, sizeof chain[c][kAxis]);
+        subtract(anchor, before, chain[c][kLink]);
+        before = anchor;
+        axis += 3;
+        anchor += 3;
+    }
+    for (int c = kLast - 1; c >= first; --c) { // the last coordinate turns nothing that counts
+        const SineCosine angle = sine_cosine(q[c - first]);
+        for (float (*v)[3] = chain[c + 1]; v != chain[AMINN_N_COORD]; ++v) {
+            turn(chain[c][kAxis], angle, *v);
         }
     }
-    float arm[3] = {};
-    subtract(contact, model.geom_base + 3 * b, arm);
-    for (int c = 0; c < AMINN_N_COORD; ++c) {
-        if (c == AMINN_N_COORD - 1) {
-            subtract(arm, turned[kLink], arm);
-        }
+    float arm[3];
+    std::memcpy(arm, contact, sizeof arm);
+    for (int c = first; c <= kLast; ++c) {
         float velocity[3];
-        cross(turned[c], arm, velocity);
+        subtract(arm, chain[c][kLink], arm);
+        cross(chain[c][kAxis], arm, velocity);
         for (int i = 0; i < 3; ++i) {
-            j_q[i][c] = -model.coord_mask[3 * b + c] * velocity[i];
+            j_q[i][c] = -velocity[i];
         }
     }
 }
@@ -80,14 +91,21 @@ bool closure(const aminn_model_t &model, const float *q, const float *x_ht,
     }
     fill(j_x[0][0], kBranch * 3 * AMINN_N_WRENCH, 0.0F);
     fill(j_q[0][0], kBranch * 3 * AMINN_N_COORD, 0.0F);
+    const float *mask = model.coord_mask;
     for (int b = 0; b < kBranch; ++b) {
+        int first = 0;
+        while (bits_of(mask[first]) == 0) { // never the last one
+            ++first;
+        }
         if (contacts[b][0] != 0.0F) {
             const float *contact = contacts[b] + 1;
             float r[3];
             subtract(contact, x_ht, r);
             tool_side(r, j_x[b]);
-            joint_side(model, b, q, contact, j_q[b]);
+            joint_side(model, b, first, q, contact, j_q[b]);
         }
+        q += AMINN_N_COORD - first;
+        mask += AMINN_N_COORD;
     }
     return true;
 }

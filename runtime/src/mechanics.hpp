@@ -112,7 +112,7 @@ AMINN_FUNCTION void substitute(AnyRow *rows, const Number *minus_t)
 }
 
 // v: the branches' rows of A, which become those of V, with these weights
-AMINN_FUNCTION void factor_contact(const Branches *springs, const aminn_input_t &in, int g, float eps_m,
+AMINN_FUNCTION void factor_contact(const Branches *springs, const aminn_input_t &in, int g, const float *eps_m,
                                    Contact &contact, Row *v, float *weight)
 {
     const int b = g * kSideBySide;
@@ -128,7 +128,7 @@ AMINN_FUNCTION void factor_contact(const Branches *springs, const aminn_input_t 
         contact.row_weight[c] = inv_diag[c] * inv_diag[c];
     }
     for (int i = 0; i < 3; ++i) {
-        contact.row_weight[kCoord + i] = broadcast(eps_m);
+        contact.row_weight[kCoord + i] = gather(eps_m + b, 1, n);
     }
     for (int r = 1; r < kCoord; ++r) {
         for (int c = 0; c < r; ++c) {

@@ -14,21 +14,17 @@ bool dims_ok(const aminn_model_t &m)
 {
     return m.n_branch == AMINN_N_BRANCH && m.n_coord == AMINN_N_COORD && m.n_joint == AMINN_N_JOINT &&
            m.n_contact_feature == AMINN_N_CONTACT_FEATURE && m.n_wrench == AMINN_N_WRENCH &&
-           width_ok(m.contact_width) && width_ok(m.width) && width_ok(m.classifier_width);
+           m.n_gated == AMINN_N_GATED && width_ok(m.contact_width) && width_ok(m.width) && width_ok(m.classifier_width);
 }
 
-bool at_least(uint32_t least_bits, const float *v, int n)
+// The top bit is set if one of these finite numbers is not above zero.
+[[gnu::noinline]] uint32_t signs_of(const float *v, uint32_t n)
 {
-    bool ok = true;
-    for (int i = 0; i < n; ++i) {
-        ok = ok && within(v[i], least_bits, kLargestBits);
+    uint32_t signs = 0;
+    for (uint32_t i = 0; i < n; ++i) {
+        signs |= (bits_of(v[i]) - 1u) | bits_of(v[i]);
     }
-    return ok;
-}
-
-bool positive(const float *v, int n)
-{
-    return at_least(kSmallestBits, v, n);
+    return signs;
 }
 
 // The paper's way to the joints' deflection inverts j_q, which must be square.
@@ -43,7 +39,7 @@ bool constants_ok(const aminn_model_t &m)
               within(m.displacement_log_scale, kSmallestBits, kLargestBits) && within(m.log_range, 0, kLargestBits) &&
               within(m.tau, 0, kOneBits);
     for (const aminn_stage_model_t &s : m.stage) {
-        ok = ok && within(s.eps_m, kSmallestBits, kLargestBits) && within(s.eps_kx, kSmallestBits, kLargestBits) &&
+        ok = ok && within(s.eps_kx, kSmallestBits, kLargestBits) &&
              within(s.eps_jq, m.dq0 == AMINN_DQ0_STATICS ? 0 : kSmallestBits, kLargestBits);
     }
     return ok;
@@ -76,20 +72,32 @@ bool tables_finite(const aminn_model_t &m)
     return true;
 }
 
-// finite everywhere is checked before; here the tables that have a sign
+// Finite everywhere is checked before; here the tables that have a sign, and the mask: 0 or 1, a branch lacks its first
+// coordinates, and those that there are are the joints.
 bool tables_in_range(const aminn_model_t &m)
 {
-    bool ok = positive(m.wrench_log_scale, AMINN_N_WRENCH);
-    if constexpr (kGated) { // zero: the branch has no gated tendon
-        ok = ok && at_least(kSomeLack ? 0 : kSmallestBits, m.tendon_gain_nom, kBranch);
+    uint32_t signs = signs_of(m.wrench_log_scale, AMINN_N_WRENCH) | signs_of(m.stage[0].eps_m, AMINN_N_BRANCH) |
+                     signs_of(m.stage[1].eps_m, AMINN_N_BRANCH);
+    if constexpr (kGated && !kSomeLack) {
+        signs |= signs_of(m.tendon_gain_nom, AMINN_N_BRANCH);
     }
-    for (int b = 0; b < kBranch; ++b) {
-        ok = ok && positive(m.chol_nom + AMINN_N_CHOLESKY * b, kCoord);
+    uint32_t wrong = 0;
+    uint32_t joints = 0;
+    const float *mask = m.coord_mask;
+    for (int b = 0; b < AMINN_N_BRANCH; ++b) {
+        signs |= signs_of(m.chol_nom + AMINN_N_CHOLESKY * b, AMINN_N_COORD);
+        if constexpr (kSomeLack) { // zero: the branch has no gated tendon
+            signs |= bits_of(m.tendon_gain_nom[b]);
+        }
+        uint32_t wanted = 0; // once there is a coordinate
+        for (int c = 0; c < AMINN_N_COORD; ++c) {
+            const uint32_t there = bits_of(*mask++);
+            wanted = (wanted | there) != 0 ? kOneBits : 0u;
+            wrong |= there ^ wanted;
+            joints += wanted;
+        }
     }
-    for (int i = 0; i < kBranch * AMINN_N_COORD; ++i) { // 0 or 1
-        ok = ok && m.coord_mask[i] * m.coord_mask[i] == m.coord_mask[i];
-    }
-    return ok;
+    return (signs >> 31 | wrong | (joints ^ kOneBits * AMINN_N_JOINT)) == 0;
 }
 
 } // namespace

@@ -68,6 +68,9 @@ aminn_status_t context_status(const aminn_t *ctx)
 
 using namespace aminn;
 
+// beside a function that every program needs: two libraries in one program then define it twice, and do not link
+const char AMINN_LIBRARY[] = "";
+
 aminn_status_t aminn_init_sized(aminn_t *ctx, size_t ctx_size, const aminn_model_t *model, uint32_t flags)
 {
     if (ctx == nullptr) {

@@ -8,13 +8,37 @@ namespace {
 #define AMINN_CONTACT(b) \
     b ".in_contact\0" AMINN_XYZ(b ".position_", "_m") AMINN_XYZ(b ".normal_", "") b ".normal_force_N\0"
 
+#define AMINN_ANGLE(joint) "q." joint "_rad\0"
+
 // in the order of aminn_state_t, and what stands for none
-constexpr char kNames[] =
-    "q.finger_1_roll_rad\0q.finger_1_proximal_rad\0q.finger_1_distal_rad\0"
-    "q.finger_2_roll_rad\0q.finger_2_proximal_rad\0q.finger_2_distal_rad\0"
-    "q.thumb_proximal_rad\0q.thumb_distal_rad\0" AMINN_XYZ("x_ht.position_", "_m") AMINN_XYZ("x_ht.rotation_", "_rad")
-        AMINN_XYZ("w_e.force_", "_N") AMINN_XYZ("w_e.moment_", "_Nm") AMINN_CONTACT("contacts[0]")
-            AMINN_CONTACT("contacts[1]") AMINN_CONTACT("contacts[2]") "none";
+constexpr char kNames[] = // clang-format off
+    AMINN_JOINT_NAMES(AMINN_ANGLE)
+    AMINN_XYZ("x_ht.position_", "_m")
+    AMINN_XYZ("x_ht.rotation_", "_rad")
+    AMINN_XYZ("w_e.force_", "_N")
+    AMINN_XYZ("w_e.moment_", "_Nm")
+    AMINN_CONTACT("contacts[0]")
+    AMINN_CONTACT("contacts[1]")
+#if AMINN_N_BRANCH > 2
+    AMINN_CONTACT("contacts[2]")
+#endif
+#if AMINN_N_BRANCH > 3
+    AMINN_CONTACT("contacts[3]")
+#endif
+#if AMINN_N_BRANCH > 4
+    AMINN_CONTACT("contacts[4]")
+#endif
+    "none"; // clang-format on
+
+constexpr int names()
+{
+    int n = 0;
+    for (const char c : kNames) {
+        n += c == '\0';
+    }
+    return n;
+}
+static_assert(names() == AMINN_N_STATE + 1, "AMINN_JOINT_NAMES (aminn_hand.h) names each joint once");
 
 } // namespace
 

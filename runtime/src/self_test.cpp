@@ -21,7 +21,7 @@ uint32_t content_crc(const aminn_model_t &m)
         crc = crc32(0, &m.n_branch, kNumbers + kDigests);
     }
     for (const aminn_stage_model_t &stage : m.stage) {
-        crc = crc32(crc, &stage.eps_m, 3, kWord);
+        crc = crc32(crc, &stage.eps_kx, 2, kWord);
     }
     for (const TableInfo &info : kTables) {
         Table table;

@@ -12,76 +12,75 @@
 
 namespace aminn {
 
-// What a table's length is made of: rows times columns, each a number below 64, or that and a width of the model.
-enum Extent : uint8_t {
-    kContactWidth = 1u << 6,
-    kWidth = 2u << 6,
-    kClassifierWidth = 3u << 6,
+// What a table's length is made of: rows times columns, each a number below 256, or that and a width of the model.
+enum Extent : uint16_t {
+    kContactWidth = 1u << 8,
+    kWidth = 2u << 8,
+    kClassifierWidth = 3u << 8,
     kTrunkInput = kContactWidth + AMINN_N_GLOBAL_INPUT,
     kClassifierInput = kWidth + AMINN_N_AUX,
 };
 
-struct TableInfo {
-    uint8_t place; // of the pointer in aminn_model_t, in pointers
-    uint8_t rows;
-    uint8_t columns;
-    uint8_t weights; // 1: of the model's weight_type, else float
+constexpr unsigned kExtentBits = 10;
+
+enum Kind : uint8_t {
+    kFloats = 0,
+    kWeights = 1, // of the model's weight_type
 };
 
-#define AMINN_TABLE(field, rows, columns, weights) \
-    {offsetof(aminn_model_t, field) / sizeof(void *), rows, columns, weights}
-#define AMINN_STAGE_TABLES(i)                                                                                        \
-    AMINN_TABLE(stage[i].contact_mean, AMINN_N_CONTACT_INPUT, 1, false),                                             \
-        AMINN_TABLE(stage[i].contact_inv_std, AMINN_N_CONTACT_INPUT, 1, false),                                      \
-        AMINN_TABLE(stage[i].global_mean, AMINN_N_GLOBAL_INPUT, 1, false),                                           \
-        AMINN_TABLE(stage[i].global_inv_std, AMINN_N_GLOBAL_INPUT, 1, false),                                        \
-        AMINN_TABLE(stage[i].contact_w, AMINN_N_CONTACT_INPUT, kContactWidth, true),                                 \
-        AMINN_TABLE(stage[i].contact_b, kContactWidth, 1, false),                                                    \
-        AMINN_TABLE(stage[i].trunk1_w, kTrunkInput, kWidth, true), AMINN_TABLE(stage[i].trunk1_b, kWidth, 1, false), \
-        AMINN_TABLE(stage[i].trunk2_w, kWidth, kWidth, true), AMINN_TABLE(stage[i].trunk2_b, kWidth, 1, false),      \
-        AMINN_TABLE(stage[i].head_w, kWidth, AMINN_N_HEAD_STORED, true),                                             \
-        AMINN_TABLE(stage[i].head_b, AMINN_N_HEAD_STORED, 1, false)
+struct TableInfo {
+    uint32_t place : 8;                 // of the pointer in aminn_model_t, in pointers
+    uint32_t extents : 2 * kExtentBits; // rows, then columns unless that is one
+    uint32_t kind : 4;
+};
+static_assert(sizeof(aminn_model_t) / sizeof(void *) < 256, "a place has 8 bits");
+static_assert(AMINN_N_HEAD_STORED < kContactWidth && AMINN_N_CONTACT_INPUT < kContactWidth, "an extent has 8 bits");
+static_assert((sizeof(aminn_known_answer_t) / sizeof(float)) < kContactWidth, "an extent has 8 bits");
+
+#define AMINN_TABLE(field, rows, columns, kind) \
+    {offsetof(aminn_model_t, field) / sizeof(void *), (rows) | ((columns) == 1 ? 0u : (columns) << kExtentBits), kind}
+#define AMINN_STAGE_TABLES(i)                                                                                         \
+    AMINN_TABLE(stage[i].eps_m, AMINN_N_BRANCH, 1, kFloats),                                                          \
+        AMINN_TABLE(stage[i].contact_mean, AMINN_N_CONTACT_INPUT, 1, kFloats),                                        \
+        AMINN_TABLE(stage[i].contact_inv_std, AMINN_N_CONTACT_INPUT, 1, kFloats),                                     \
+        AMINN_TABLE(stage[i].global_mean, AMINN_N_GLOBAL_INPUT, 1, kFloats),                                          \
+        AMINN_TABLE(stage[i].global_inv_std, AMINN_N_GLOBAL_INPUT, 1, kFloats),                                       \
+        AMINN_TABLE(stage[i].contact_w, AMINN_N_CONTACT_INPUT, kContactWidth, kWeights),                              \
+        AMINN_TABLE(stage[i].contact_b, kContactWidth, 1, kFloats),                                                   \
+        AMINN_TABLE(stage[i].trunk1_w, kTrunkInput, kWidth, kWeights),                                                \
+        AMINN_TABLE(stage[i].trunk1_b, kWidth, 1, kFloats), AMINN_TABLE(stage[i].trunk2_w, kWidth, kWidth, kWeights), \
+        AMINN_TABLE(stage[i].trunk2_b, kWidth, 1, kFloats),                                                           \
+        AMINN_TABLE(stage[i].head_w, kWidth, AMINN_N_HEAD_STORED, kWeights),                                          \
+        AMINN_TABLE(stage[i].head_b, AMINN_N_HEAD_STORED, 1, kFloats)
 
 inline constexpr TableInfo kTables[] = {
     // one copy, whoever walks it
-    AMINN_TABLE(wrench_log_scale, AMINN_N_WRENCH, 1, false),
-    AMINN_TABLE(chol_nom, AMINN_N_BRANCH, 6, false),
-    AMINN_TABLE(tendon_dir_nom, AMINN_N_BRANCH, AMINN_N_COORD, false),
-    AMINN_TABLE(tendon_gain_nom, AMINN_N_BRANCH, 1, false),
-    AMINN_TABLE(gate_nom, 3, 1, false),
-    AMINN_TABLE(coord_mask, AMINN_N_BRANCH, AMINN_N_COORD, false),
-    AMINN_TABLE(geom_base, AMINN_N_BRANCH, 3, false),
-    AMINN_TABLE(geom_axis, AMINN_N_BRANCH, AMINN_N_COORD * 3, false),
-    AMINN_TABLE(geom_link_a, AMINN_N_BRANCH, 3, false),
-    AMINN_TABLE(range_min, AMINN_N_STATE, 1, false),
-    AMINN_TABLE(range_max, AMINN_N_STATE, 1, false),
+    AMINN_TABLE(wrench_log_scale, AMINN_N_WRENCH, 1, kFloats),
+    AMINN_TABLE(chol_nom, AMINN_N_BRANCH, AMINN_N_CHOLESKY, kFloats),
+#if AMINN_N_GATED > 0
+    AMINN_TABLE(tendon_dir_nom, AMINN_N_BRANCH, AMINN_N_COORD, kFloats),
+    AMINN_TABLE(tendon_gain_nom, AMINN_N_BRANCH, 1, kFloats),
+    AMINN_TABLE(gate_nom, 3, 1, kFloats),
+#endif
+    AMINN_TABLE(coord_mask, AMINN_N_BRANCH, AMINN_N_COORD, kFloats),
+    AMINN_TABLE(geom_axis, AMINN_N_BRANCH, AMINN_N_COORD * 3, kFloats),
+    AMINN_TABLE(geom_anchor, AMINN_N_BRANCH, AMINN_N_COORD * 3, kFloats),
+    AMINN_TABLE(range_min, AMINN_N_STATE, 1, kFloats),
+    AMINN_TABLE(range_max, AMINN_N_STATE, 1, kFloats),
     AMINN_STAGE_TABLES(0),
     AMINN_STAGE_TABLES(1),
-    AMINN_TABLE(aux_mean, AMINN_N_AUX, 1, false),
-    AMINN_TABLE(aux_inv_std, AMINN_N_AUX, 1, false),
-    AMINN_TABLE(cls1_w, kClassifierInput, kClassifierWidth, true),
-    AMINN_TABLE(cls1_b, kClassifierWidth, 1, false),
-    AMINN_TABLE(cls2_w, kClassifierWidth, 1, true),
-    AMINN_TABLE(cls2_b, 1, 1, false),
-    AMINN_TABLE(known_answer, 31, 3, false),
+    AMINN_TABLE(aux_mean, AMINN_N_AUX, 1, kFloats),
+    AMINN_TABLE(aux_inv_std, AMINN_N_AUX, 1, kFloats),
+    AMINN_TABLE(cls1_w, kClassifierInput, kClassifierWidth, kWeights),
+    AMINN_TABLE(cls1_b, kClassifierWidth, 1, kFloats),
+    AMINN_TABLE(cls2_w, kClassifierWidth, 1, kWeights),
+    AMINN_TABLE(cls2_b, 1, 1, kFloats),
+    AMINN_TABLE(known_answer, sizeof(aminn_known_answer_t) / sizeof(float), 1, kFloats),
 };
-
-static_assert(sizeof(aminn_known_answer_t) == 31 * 3 * sizeof(float),
-              "the known answer is checked and placed as a table");
 
 static_assert(offsetof(aminn_model_t, width) - offsetof(aminn_model_t, contact_width) == sizeof(uint32_t) &&
                   offsetof(aminn_model_t, classifier_width) - offsetof(aminn_model_t, width) == sizeof(uint32_t),
               "the widths stand one behind the other");
-
-[[gnu::noinline]] inline uint32_t extent(const aminn_model_t &m, uint32_t code)
-{
-    uint32_t width = 0;
-    if (code >= kContactWidth) {
-        const size_t place = offsetof(aminn_model_t, contact_width) + sizeof width * (code / kContactWidth - 1);
-        std::memcpy(&width, reinterpret_cast<const char *>(&m) + place, sizeof width);
-    }
-    return width + code % kContactWidth;
-}
 
 // A table of a model.
 struct Table {
@@ -91,11 +90,20 @@ struct Table {
 };
 
 // The widths in the model must be set.
-[[gnu::noinline]] inline void find_table(const aminn_model_t &m, const TableInfo &info, Table &table)
+[[gnu::noinline]] inline void find_table(const aminn_model_t &m, TableInfo info, Table &table)
 {
     std::memcpy(&table.numbers, reinterpret_cast<const char *>(&m) + info.place * sizeof(void *), sizeof(void *));
-    table.n = extent(m, info.rows) * extent(m, info.columns);
-    table.size = sizeof(float) >> (info.weights & m.weight_type);
+    table.n = 1;
+    for (uint32_t extents = info.extents; extents != 0; extents >>= kExtentBits) {
+        uint32_t width = 0;
+        const uint32_t which = extents / kContactWidth % 4;
+        if (which != 0) {
+            const size_t place = offsetof(aminn_model_t, contact_width) + sizeof width * (which - 1);
+            std::memcpy(&width, reinterpret_cast<const char *>(&m) + place, sizeof width);
+        }
+        table.n *= width + extents % kContactWidth;
+    }
+    table.size = sizeof(float) >> (info.kind & m.weight_type);
 }
 
 // Each table of a blob begins at a multiple of this, counted from the blob's start: a row of weights then lies in as few

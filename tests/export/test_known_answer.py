@@ -20,7 +20,7 @@ from aminn_base.errors import AminnError
 from aminn_export import _runtime
 from aminn_export.export import export
 from aminn_export.files.bin_model import bin_model_bytes, read_bin_model
-from aminn_export.files.known_answer import BUILT_IN_STATE, answered, runtime
+from aminn_export.files.known_answer import REFERENCE_GRASP, answered, runtime
 from aminn_export.files.ranges import STATE_FIELDS
 from aminn_export.samples.vectors import read_results, read_vectors
 
@@ -64,7 +64,7 @@ def test_every_exported_model_passes_its_self_test(checkpoint_dir: Path, data_di
 def test_a_changed_byte_of_a_sealed_model_is_found(exported: RandomModel) -> None:
     """What the blob's own CRC-32 would tell is told by the content's where only that of the blob was made right."""
     blob = bytearray(bin_model_bytes(exported))
-    for at in (76, 80, 143, 160, 320, len(blob) - 384):  # tau, both SHA-256, eps_jq, first table, known answer
+    for at in (80, 84, 147, 160, 320, len(blob) - 384):  # tau, both SHA-256, eps_jq, first table, known answer
         changed = bytearray(blob)
         changed[at] ^= 1
         changed[12:16] = struct.pack("<I", zlib.crc32(changed[16:]))
@@ -86,7 +86,7 @@ def test_the_known_state_is_a_stable_training_sample(checkpoint_dir: Path, data_
 
 
 def test_without_data_the_state_is_built_in(exported: RandomModel) -> None:
-    assert read_state(bin_model_bytes(exported)) == list(np.float32(BUILT_IN_STATE))
+    assert read_state(bin_model_bytes(exported)) == list(np.float32(REFERENCE_GRASP))
 
 
 def read_state(blob: bytes) -> list[float]:
@@ -131,11 +131,11 @@ def test_what_a_model_cannot_carry_is_refused(exported: RandomModel, change: dic
         bin_model_bytes(dataclasses.replace(exported, meta=exported.meta | change))
 
 
-def test_models_of_version_5_are_refused_by_number(build_dir: Path, tmp_path: Path) -> None:
+def test_models_of_version_6_are_refused_by_number(build_dir: Path, tmp_path: Path) -> None:
     blob = bytearray((GOLDEN / "aminn_model.bin").read_bytes())
-    blob[4] = 5
+    blob[4] = 6
     (tmp_path / "old.bin").write_bytes(blob)
-    with pytest.raises(AminnError, match="format version 5, this program reads 6; export it again"):
+    with pytest.raises(AminnError, match="format version 6, this program reads 7; export it again"):
         read_bin_model(tmp_path / "old.bin")
     command = [str(next(build_dir.rglob("aminn_replay"))), "old.bin", str(GOLDEN / "golden.bin"), "out.bin"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)

@@ -22,8 +22,8 @@ from runtime_models import random_inputs, random_model
 
 from aminn_export.export import write_model_files
 from aminn_export.files.bin_model import BinModel, model_crc, read_bin_model, write_bin_model
-from aminn_export.files.layout import N_STATE, layout_of, tensor_name
-from aminn_export.files.packing import N_OUTPUT_WORDS, room
+from aminn_export.files.layout import layout_of, tensor_name
+from aminn_export.files.packing import output_words, room
 from aminn_export.files.tables import Exported, dims_of
 from aminn_export.judge.compare import compare_files
 from aminn_export.judge.identity import misfits
@@ -233,9 +233,11 @@ def test_a_blob_changed_by_hand(small: Path, judge: Callable[..., int], tmp_path
     """Its CRC-32 alone is made right again: its content or its known answer gives it away, or it is refused."""
     blob, model = (small / "aminn_model.bin").read_bytes(), read_bin_model(small / "aminn_model.bin")
     plan, _ = plan_of(model)
-    answer = len(blob) - room(4 * (N_STATE + N_OUTPUT_WORDS))
+    dims = dims_of(model.tensors)
+    answer_size = 4 * (dims.state + output_words(dims))
+    answer = len(blob) - room(answer_size)
     words = [*range(16, 168, 4), *map(int, plan[:: len(plan) // 200])]
-    words += range(answer, answer + 4 * (N_STATE + N_OUTPUT_WORDS), 8)
+    words += range(answer, answer + answer_size, 8)
     caught = 0
     for at in words:
         mutant = bytearray(blob)

@@ -37,7 +37,7 @@ void put_header(Bytes &bytes, const aminn_model_t &m)
 {
     for (uint32_t v :
          {kMagic, m.format_version, 0u, 0u, m.content_crc, m.n_branch, m.n_coord, m.n_joint, m.n_contact_feature,
-          m.n_wrench, m.contact_width, m.width, m.classifier_width, m.dq0, m.weight_type, m.stages_crc}) {
+          m.n_wrench, m.n_gated, m.contact_width, m.width, m.classifier_width, m.dq0, m.weight_type, m.stages_crc}) {
         put(bytes, v);
     }
     for (float v : {m.length_scale, m.log_range, m.displacement_log_scale, m.tau}) {
@@ -45,10 +45,10 @@ void put_header(Bytes &bytes, const aminn_model_t &m)
     }
     put(bytes, m.checkpoint_sha256);
     put(bytes, m.data_sha256);
-    for (float v : {m.stage[0].eps_m, m.stage[1].eps_m, m.stage[0].eps_kx, m.stage[1].eps_kx, m.stage[0].eps_jq,
-                    m.stage[1].eps_jq}) {
+    for (float v : {m.stage[0].eps_kx, m.stage[1].eps_kx, m.stage[0].eps_jq, m.stage[1].eps_jq}) {
         put(bytes, v);
     }
+    put(bytes, 0u); // reserved
     put_name(bytes, m.name, 56);
     put_name(bytes, m.hand, 56);
     put_name(bytes, m.made_by, 40);
@@ -62,11 +62,9 @@ Bytes blob_of(const aminn_model_t &m)
     for (const aminn::TableInfo &info : aminn::kTables) {
         aminn::Table table;
         aminn::find_table(m, info, table);
-        const auto *values = static_cast<const float *>(table.numbers); // the seeds' weights are float32
+        const auto *values = static_cast<const uint8_t *>(table.numbers);
         const size_t end = bytes.size() + aminn::table_room(m, info);
-        for (uint32_t i = 0; i < table.n; ++i) {
-            put(bytes, values[i]);
-        }
+        bytes.insert(bytes.end(), values, values + table.n * table.size);
         bytes.resize(end);
     }
     fuzz::seal_blob(bytes.data(), bytes.size());

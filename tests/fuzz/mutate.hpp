@@ -41,9 +41,9 @@ inline size_t table_bytes(const uint32_t widths[3])
 }
 
 constexpr size_t kBlobHeader = 320;
-constexpr size_t kBlobWidths = 40;  // contact_width, width, classifier_width
-constexpr size_t kBlobScalars = 64; // 4 floats
-constexpr size_t kBlobEps = 144;    // 6 floats
+constexpr size_t kBlobWidths = 44;  // contact_width, width, classifier_width
+constexpr size_t kBlobScalars = 68; // 4 floats
+constexpr size_t kBlobEps = 148;    // 4 floats
 
 } // namespace fuzz
 

@@ -23,10 +23,6 @@ static const float aminn_model_coord_mask[9] = {
     0x1p+0f, 0x1p+0f, 0x1p+0f, 0x1p+0f, 0x1p+0f, 0x1p+0f,
     0.0f, 0x1p+0f, 0x1p+0f};
 
-static const float aminn_model_geom_base[9] = {
-    0x1.6872bp-6f, 0x1.eb851ep-5f, 0.0f, -0x1.6872bp-6f, 0x1.eb851ep-5f, 0.0f,
-    0.0f, -0x1.eb851ep-5f, 0.0f};
-
 static const float aminn_model_geom_axis[27] = {
     0.0f, 0.0f, 0x1p+0f, 0x1p+0f, 0.0f, 0.0f,
     0x1p+0f, 0.0f, 0.0f, 0.0f, 0.0f, -0x1p+0f,
@@ -34,9 +30,12 @@ static const float aminn_model_geom_axis[27] = {
     0.0f, 0.0f, 0.0f, -0x1p+0f, 0.0f, 0.0f,
     -0x1p+0f, 0.0f, 0.0f};
 
-static const float aminn_model_geom_link_a[9] = {
-    0.0f, 0.0f, 0x1.c28f5cp-5f, 0.0f, 0.0f, 0x1.c28f5cp-5f,
-    0.0f, 0.0f, 0x1.c28f5cp-5f};
+static const float aminn_model_geom_anchor[27] = {
+    0x1.6872bp-6f, 0x1.eb851ep-5f, 0.0f, 0x1.6872bp-6f, 0x1.eb851ep-5f, 0.0f,
+    0x1.6872bp-6f, 0x1.eb851ep-5f, 0x1.c28f5cp-5f, -0x1.6872bp-6f, 0x1.eb851ep-5f, 0.0f,
+    -0x1.6872bp-6f, 0x1.eb851ep-5f, 0.0f, -0x1.6872bp-6f, 0x1.eb851ep-5f, 0x1.c28f5cp-5f,
+    0.0f, 0.0f, 0.0f, 0.0f, -0x1.eb851ep-5f, 0.0f,
+    0.0f, -0x1.eb851ep-5f, 0x1.c28f5cp-5f};
 
 static const float aminn_model_range_min[44] = {
     -0x1.17034cp-2f, -0x1.cce242p-5f, 0x1.8f8adap-4f, -0x1.155914p-2f, -0x1.9e40bep-5f, 0x1.403adcp-4f,
@@ -57,6 +56,9 @@ static const float aminn_model_range_max[44] = {
     0x1.f2e064p-6f, 0x1.9351e2p-4f, 0x1.a7142p-2f, -0x1.b5296p-1f, 0x1.0ea51ep-1f, 0x1.5ce3d2p+2f,
     0x1p+0f, 0x1.35502ap-10f, -0x1.2826p-8f, 0x1.93d49cp-4f, 0x1.e5522p-4f, 0x1.008838p+0f,
     0x1.357d2ep-2f, 0x1.68f3e6p+3f};
+
+static const float aminn_model_s1_eps_m[3] = {
+    0x1.574464p-17f, 0x1.574464p-17f, 0x1.574464p-17f};
 
 static const float aminn_model_s1_contact_mean[51] = {
     0x1p+0f, 0x1.5d2382p-6f, 0x1.17f4d2p-6f, 0x1.784f3ep-4f, -0x1.62294p-5f, -0x1.f983fp-1f,
@@ -2145,6 +2147,9 @@ static const float aminn_model_s1_head_b[40] = {
     0x1.aea868p-5f, 0x1.4b65b6p-10f, 0.0f, 0x1.db1c5cp-6f, -0x1.67bd7ep-9f, 0x1.0aa9dp-5f,
     -0x1.985fbcp-5f, -0x1.80c808p-6f, -0x1.482a6p-4f, -0x1.220e88p-3f, -0x1.190ab4p-3f, -0x1.6d7b6cp-4f,
     0x1.e60888p-4f, 0x1.acf85cp-4f, 0x1.9df26p-4f, 0.0f};
+
+static const float aminn_model_s2_eps_m[3] = {
+    0x1.192a08p-18f, 0x1.192a08p-18f, 0x1.192a08p-18f};
 
 static const float aminn_model_s2_contact_mean[51] = {
     0x1p+0f, 0x1.5f43f4p-6f, 0x1.1b1c94p-6f, 0x1.7832b4p-4f, -0x1.69de02p-5f, -0x1.f99756p-1f,
@@ -4705,13 +4710,14 @@ static const aminn_known_answer_t aminn_model_known_answer = {
 };
 
 const aminn_model_t aminn_model = {
-    .format_version = 6u,
-    .content_crc = 0x712854dfu,
+    .format_version = 7u,
+    .content_crc = 0xef1869dfu,
     .n_branch = 3u,
     .n_coord = 3u,
     .n_joint = 8u,
     .n_contact_feature = 8u,
     .n_wrench = 6u,
+    .n_gated = 3u,
     .contact_width = 32u,
     .width = 64u,
     .classifier_width = 32u,
@@ -4725,17 +4731,17 @@ const aminn_model_t aminn_model = {
     .checkpoint_sha256 = {0x15, 0xfd, 0xc5, 0xcb, 0xd8, 0x54, 0xee, 0x14, 0x77, 0x94, 0x1f, 0x65, 0x97, 0xc8, 0xf6, 0xf9, 0x1e, 0xde, 0x93, 0xce, 0xea, 0x91, 0x9d, 0x1b, 0xb0, 0x25, 0xa5, 0x35, 0x83, 0x2e, 0x3f, 0x85},
     .data_sha256 = {0x56, 0x0a, 0xe1, 0xb1, 0x8e, 0xb0, 0x4e, 0xde, 0x10, 0x90, 0x43, 0x5a, 0xbb, 0xc8, 0x29, 0x3a, 0x18, 0x24, 0xbe, 0x6d, 0x35, 0x07, 0xfb, 0xfd, 0x1e, 0x87, 0x2e, 0x4f, 0xb3, 0x8d, 0x70, 0xcf},
     .name = "aminn_model",
-    .hand = "three_finger_hand 632a6d47",
+    .hand = "three_finger_hand 37d955dc",
     .made_by = "aminn 0.1.0",
+    .library = AMINN_LIBRARY,
     .wrench_log_scale = aminn_model_wrench_log_scale,
     .chol_nom = aminn_model_chol_nom,
     .tendon_dir_nom = aminn_model_tendon_dir_nom,
     .tendon_gain_nom = aminn_model_tendon_gain_nom,
     .gate_nom = aminn_model_gate_nom,
     .coord_mask = aminn_model_coord_mask,
-    .geom_base = aminn_model_geom_base,
     .geom_axis = aminn_model_geom_axis,
-    .geom_link_a = aminn_model_geom_link_a,
+    .geom_anchor = aminn_model_geom_anchor,
     .range_min = aminn_model_range_min,
     .range_max = aminn_model_range_max,
     .aux_mean = aminn_model_aux_mean,
@@ -4746,9 +4752,9 @@ const aminn_model_t aminn_model = {
     .cls2_b = aminn_model_cls2_b,
     .known_answer = &aminn_model_known_answer,
     .stage = {{
-        .eps_m = 0x1.574464p-17f,
         .eps_kx = 0x1.47ae14p-7f,
         .eps_jq = 0x1.0624dep-10f,
+        .eps_m = aminn_model_s1_eps_m,
         .contact_mean = aminn_model_s1_contact_mean,
         .contact_inv_std = aminn_model_s1_contact_inv_std,
         .global_mean = aminn_model_s1_global_mean,
@@ -4762,9 +4768,9 @@ const aminn_model_t aminn_model = {
         .head_w = aminn_model_s1_head_w,
         .head_b = aminn_model_s1_head_b,
     }, {
-        .eps_m = 0x1.192a08p-18f,
         .eps_kx = 0x1.0624dep-10f,
         .eps_jq = 0x1.0624dep-10f,
+        .eps_m = aminn_model_s2_eps_m,
         .contact_mean = aminn_model_s2_contact_mean,
         .contact_inv_std = aminn_model_s2_contact_inv_std,
         .global_mean = aminn_model_s2_global_mean,

@@ -23,10 +23,6 @@ static const float half_model_coord_mask[9] = {
     0x1p+0f, 0x1p+0f, 0x1p+0f, 0x1p+0f, 0x1p+0f, 0x1p+0f,
     0.0f, 0x1p+0f, 0x1p+0f};
 
-static const float half_model_geom_base[9] = {
-    -0x1.47ae14p-6f, 0x1.47ae14p-5f, 0.0f, 0x1.47ae14p-6f, 0x1.47ae14p-5f, 0.0f,
-    0.0f, -0x1.47ae14p-5f, 0.0f};
-
 static const float half_model_geom_axis[27] = {
     0.0f, 0.0f, 0x1p+0f, 0x1p+0f, 0.0f, 0.0f,
     0x1p+0f, 0.0f, 0.0f, 0.0f, 0.0f, 0x1p+0f,
@@ -34,9 +30,12 @@ static const float half_model_geom_axis[27] = {
     0.0f, 0.0f, 0.0f, -0x1p+0f, 0.0f, 0.0f,
     -0x1p+0f, 0.0f, 0.0f};
 
-static const float half_model_geom_link_a[9] = {
-    0.0f, 0.0f, 0x1.c28f5cp-5f, 0.0f, 0.0f, 0x1.c28f5cp-5f,
-    0.0f, 0.0f, 0x1.c28f5cp-5f};
+static const float half_model_geom_anchor[27] = {
+    -0x1.47ae14p-6f, 0x1.47ae14p-5f, 0.0f, -0x1.47ae14p-6f, 0x1.47ae14p-5f, 0.0f,
+    -0x1.47ae14p-6f, 0x1.47ae14p-5f, 0x1.c28f5cp-5f, 0x1.47ae14p-6f, 0x1.47ae14p-5f, 0.0f,
+    0x1.47ae14p-6f, 0x1.47ae14p-5f, 0.0f, 0x1.47ae14p-6f, 0x1.47ae14p-5f, 0x1.c28f5cp-5f,
+    0.0f, 0.0f, 0.0f, 0.0f, -0x1.47ae14p-5f, 0.0f,
+    0.0f, -0x1.47ae14p-5f, 0x1.c28f5cp-5f};
 
 static const float half_model_range_min[44] = {
     -0x1.bf96c8p-2f, 0x1.0317ap-4f, 0x1.a85bd4p-5f, -0x1.c1de34p-2f, 0x1.02b9d6p-4f, 0x1.b227f2p-5f,
@@ -57,6 +56,9 @@ static const float half_model_range_max[44] = {
     0x1.9dbb88p-6f, 0x1.bb109ap-4f, 0x1.e1583p-1f, 0x1.18138p+0f, 0x1.14fa32p+0f, 0x1.0bf884p+3f,
     0x1.0cccccp+0f, 0x1.d488bp-7f, 0x1.e772fp-5f, 0x1.b5e59ap-4f, 0x1.0c26d8p+0f, 0x1.07d228p+0f,
     0x1.139fc8p+0f, 0x1.0b8a72p+3f};
+
+static const float half_model_s1_eps_m[3] = {
+    0x1.a36e2ep-14f, 0x1.a36e2ep-14f, 0x1.a36e2ep-14f};
 
 static const float half_model_s1_contact_mean[51] = {
     0x1.d4p-1f, -0x1.1e9ff2p-6f, -0x1.2dda1p-6f, 0x1.f475bcp-5f, 0x1.d65d74p-2f, 0x1.73cbb8p-2f,
@@ -1070,6 +1072,9 @@ static const float half_model_s1_head_b[40] = {
     0x1.b4ac7ap-6f, -0x1.daf306p-4f, -0x1.0c6b84p-4f, 0x1.6b4a3p-7f, -0x1.599f1cp-5f, 0x1.a6f544p-3f,
     -0x1.7b10d8p-9f, -0x1.93f326p-4f, -0x1.7db0ep-7f, -0x1.db3108p-5f, 0x1.28cbf8p-3f, 0x1.e36ec6p-3f,
     -0x1.a70f14p-4f, -0x1.9b666p-6f, 0x1.13a74ap-7f, 0.0f};
+
+static const float half_model_s2_eps_m[3] = {
+    0x1.4f8b58p-14f, 0x1.4f8b58p-14f, 0x1.4f8b58p-14f};
 
 static const float half_model_s2_contact_mean[51] = {
     0x1.d4p-1f, -0x1.1e9ff2p-6f, -0x1.2dda1p-6f, 0x1.f475bcp-5f, 0x1.d65d74p-2f, 0x1.73cbb8p-2f,
@@ -2263,13 +2268,14 @@ static const aminn_known_answer_t half_model_known_answer = {
 };
 
 const aminn_model_t half_model = {
-    .format_version = 6u,
-    .content_crc = 0x360faaaeu,
+    .format_version = 7u,
+    .content_crc = 0x1fec9d11u,
     .n_branch = 3u,
     .n_coord = 3u,
     .n_joint = 8u,
     .n_contact_feature = 8u,
     .n_wrench = 6u,
+    .n_gated = 3u,
     .contact_width = 28u,
     .width = 33u,
     .classifier_width = 17u,
@@ -2285,15 +2291,15 @@ const aminn_model_t half_model = {
     .name = "half_model",
     .hand = "unknown",
     .made_by = "unknown",
+    .library = AMINN_LIBRARY,
     .wrench_log_scale = half_model_wrench_log_scale,
     .chol_nom = half_model_chol_nom,
     .tendon_dir_nom = half_model_tendon_dir_nom,
     .tendon_gain_nom = half_model_tendon_gain_nom,
     .gate_nom = half_model_gate_nom,
     .coord_mask = half_model_coord_mask,
-    .geom_base = half_model_geom_base,
     .geom_axis = half_model_geom_axis,
-    .geom_link_a = half_model_geom_link_a,
+    .geom_anchor = half_model_geom_anchor,
     .range_min = half_model_range_min,
     .range_max = half_model_range_max,
     .aux_mean = half_model_aux_mean,
@@ -2304,9 +2310,9 @@ const aminn_model_t half_model = {
     .cls2_b = half_model_cls2_b,
     .known_answer = &half_model_known_answer,
     .stage = {{
-        .eps_m = 0x1.a36e2ep-14f,
         .eps_kx = 0x1.0624dep-10f,
         .eps_jq = 0x1.0624dep-10f,
+        .eps_m = half_model_s1_eps_m,
         .contact_mean = half_model_s1_contact_mean,
         .contact_inv_std = half_model_s1_contact_inv_std,
         .global_mean = half_model_s1_global_mean,
@@ -2320,9 +2326,9 @@ const aminn_model_t half_model = {
         .head_w = half_model_s1_head_w,
         .head_b = half_model_s1_head_b,
     }, {
-        .eps_m = 0x1.4f8b58p-14f,
         .eps_kx = 0x1.0624dep-9f,
         .eps_jq = 0x1.0624dep-10f,
+        .eps_m = half_model_s2_eps_m,
         .contact_mean = half_model_s2_contact_mean,
         .contact_inv_std = half_model_s2_contact_inv_std,
         .global_mean = half_model_s2_global_mean,

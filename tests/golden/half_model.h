@@ -4,6 +4,9 @@
 
 #include "aminn_rt.h"
 
+#if AMINN_N_BRANCH != 3 || AMINN_N_COORD != 3 || AMINN_N_JOINT != 8 || AMINN_N_GATED != 3
+#error "this model is for another hand (unknown): compile library and program with its aminn_hand.h"
+#endif
 #if AMINN_MAX_WIDTH < 33
 #error "this model needs AMINN_MAX_WIDTH >= 33, in the library too"
 #endif

@@ -23,10 +23,6 @@ static const float tiny_model_coord_mask[9] = {
     0x1p+0f, 0x1p+0f, 0x1p+0f, 0x1p+0f, 0x1p+0f, 0x1p+0f,
     0.0f, 0x1p+0f, 0x1p+0f};
 
-static const float tiny_model_geom_base[9] = {
-    -0x1.47ae14p-6f, 0x1.47ae14p-5f, 0.0f, 0x1.47ae14p-6f, 0x1.47ae14p-5f, 0.0f,
-    0.0f, -0x1.47ae14p-5f, 0.0f};
-
 static const float tiny_model_geom_axis[27] = {
     0.0f, 0.0f, 0x1p+0f, 0x1p+0f, 0.0f, 0.0f,
     0x1p+0f, 0.0f, 0.0f, 0.0f, 0.0f, 0x1p+0f,
@@ -34,9 +30,12 @@ static const float tiny_model_geom_axis[27] = {
     0.0f, 0.0f, 0.0f, -0x1p+0f, 0.0f, 0.0f,
     -0x1p+0f, 0.0f, 0.0f};
 
-static const float tiny_model_geom_link_a[9] = {
-    0.0f, 0.0f, 0x1.c28f5cp-5f, 0.0f, 0.0f, 0x1.c28f5cp-5f,
-    0.0f, 0.0f, 0x1.c28f5cp-5f};
+static const float tiny_model_geom_anchor[27] = {
+    -0x1.47ae14p-6f, 0x1.47ae14p-5f, 0.0f, -0x1.47ae14p-6f, 0x1.47ae14p-5f, 0.0f,
+    -0x1.47ae14p-6f, 0x1.47ae14p-5f, 0x1.c28f5cp-5f, 0x1.47ae14p-6f, 0x1.47ae14p-5f, 0.0f,
+    0x1.47ae14p-6f, 0x1.47ae14p-5f, 0.0f, 0x1.47ae14p-6f, 0x1.47ae14p-5f, 0x1.c28f5cp-5f,
+    0.0f, 0.0f, 0.0f, 0.0f, -0x1.47ae14p-5f, 0.0f,
+    0.0f, -0x1.47ae14p-5f, 0x1.c28f5cp-5f};
 
 static const float tiny_model_range_min[44] = {
     -0x1.c0b3acp-2f, 0x1.1072dcp-4f, 0x1.f5a5f2p-5f, -0x1.bf21bap-2f, 0x1.040ff2p-4f, 0x1.aaa1fcp-5f,
@@ -57,6 +56,9 @@ static const float tiny_model_range_max[44] = {
     0x1.8e3fccp-6f, 0x1.c1cae2p-4f, 0x1.d6a1bep-1f, 0x1.190364p+0f, 0x1.16b208p+0f, 0x1.0bd752p+3f,
     0x1.0cccccp+0f, 0x1.b0d24ep-7f, 0x1.ea51b8p-5f, 0x1.c7c70ap-4f, 0x1.154108p+0f, 0x1.12c71ap+0f,
     0x1.00743p+0f, 0x1.0ba878p+3f};
+
+static const float tiny_model_s1_eps_m[3] = {
+    0x1.a36e2ep-14f, 0x1.a36e2ep-14f, 0x1.a36e2ep-14f};
 
 static const float tiny_model_s1_contact_mean[51] = {
     0x1.d3p-1f, -0x1.3893a2p-6f, -0x1.5e2daap-6f, 0x1.e18c1ap-5f, 0x1.fcc878p-2f, 0x1.6f88acp-2f,
@@ -285,6 +287,9 @@ static const float tiny_model_s1_head_b[40] = {
     0x1.f98304p-5f, -0x1.91cdd8p-5f, -0x1.d79b8ep-4f, -0x1.f5ec3p-5f, -0x1.506dp-4f, 0x1.4b4ee4p-3f,
     -0x1.b1a6c8p-4f, -0x1.50047ep-3f, -0x1.c02196p-3f, -0x1.92ccd4p-8f, 0x1.2b2708p-8f, -0x1.32aabap-5f,
     0x1.3af9dap-7f, -0x1.9febf8p-4f, -0x1.4b0576p-4f, 0.0f};
+
+static const float tiny_model_s2_eps_m[3] = {
+    0x1.4f8b58p-14f, 0x1.4f8b58p-14f, 0x1.4f8b58p-14f};
 
 static const float tiny_model_s2_contact_mean[51] = {
     0x1.d3p-1f, -0x1.3893a2p-6f, -0x1.5e2daap-6f, 0x1.e18c1ap-5f, 0x1.fcc878p-2f, 0x1.6f88acp-2f,
@@ -583,13 +588,14 @@ static const aminn_known_answer_t tiny_model_known_answer = {
 };
 
 const aminn_model_t tiny_model = {
-    .format_version = 6u,
-    .content_crc = 0xad817af2u,
+    .format_version = 7u,
+    .content_crc = 0x93882910u,
     .n_branch = 3u,
     .n_coord = 3u,
     .n_joint = 8u,
     .n_contact_feature = 8u,
     .n_wrench = 6u,
+    .n_gated = 3u,
     .contact_width = 5u,
     .width = 9u,
     .classifier_width = 7u,
@@ -605,15 +611,15 @@ const aminn_model_t tiny_model = {
     .name = "tiny_model",
     .hand = "unknown",
     .made_by = "unknown",
+    .library = AMINN_LIBRARY,
     .wrench_log_scale = tiny_model_wrench_log_scale,
     .chol_nom = tiny_model_chol_nom,
     .tendon_dir_nom = tiny_model_tendon_dir_nom,
     .tendon_gain_nom = tiny_model_tendon_gain_nom,
     .gate_nom = tiny_model_gate_nom,
     .coord_mask = tiny_model_coord_mask,
-    .geom_base = tiny_model_geom_base,
     .geom_axis = tiny_model_geom_axis,
-    .geom_link_a = tiny_model_geom_link_a,
+    .geom_anchor = tiny_model_geom_anchor,
     .range_min = tiny_model_range_min,
     .range_max = tiny_model_range_max,
     .aux_mean = tiny_model_aux_mean,
@@ -624,9 +630,9 @@ const aminn_model_t tiny_model = {
     .cls2_b = tiny_model_cls2_b,
     .known_answer = &tiny_model_known_answer,
     .stage = {{
-        .eps_m = 0x1.a36e2ep-14f,
         .eps_kx = 0x1.0624dep-10f,
         .eps_jq = 0x1.0624dep-10f,
+        .eps_m = tiny_model_s1_eps_m,
         .contact_mean = tiny_model_s1_contact_mean,
         .contact_inv_std = tiny_model_s1_contact_inv_std,
         .global_mean = tiny_model_s1_global_mean,
@@ -640,9 +646,9 @@ const aminn_model_t tiny_model = {
         .head_w = tiny_model_s1_head_w,
         .head_b = tiny_model_s1_head_b,
     }, {
-        .eps_m = 0x1.4f8b58p-14f,
         .eps_kx = 0x1.0624dep-9f,
         .eps_jq = 0x1.0624dep-10f,
+        .eps_m = tiny_model_s2_eps_m,
         .contact_mean = tiny_model_s2_contact_mean,
         .contact_inv_std = tiny_model_s2_contact_inv_std,
         .global_mean = tiny_model_s2_global_mean,

@@ -39,6 +39,7 @@ class Random {
 };
 
 struct StageTables {
+    float eps_m[B];
     float contact_mean[AMINN_N_CONTACT_INPUT], contact_inv_std[AMINN_N_CONTACT_INPUT];
     float global_mean[AMINN_N_GLOBAL_INPUT], global_inv_std[AMINN_N_GLOBAL_INPUT];
     float contact_w[AMINN_N_CONTACT_INPUT * kContactWidth], contact_b[kContactWidth];
@@ -83,7 +84,10 @@ inline void make_stage(Random &random, StageTables &t, aminn_stage_model_t &stag
     random.fill(t.trunk2_b, kWidth, -0.5F, 0.5F);
     random.fill(t.head_w, kWidth * AMINN_N_HEAD_STORED, -0.15F, 0.15F);
     random.fill(t.head_b, AMINN_N_HEAD_STORED, -0.2F, 0.2F);
-    stage.eps_m = 2e-5F;
+    for (int b = 0; b < B; ++b) {
+        t.eps_m[b] = 1e-5F * static_cast<float>(b + 1);
+    }
+    stage.eps_m = t.eps_m;
     stage.eps_kx = eps_kx;
     stage.eps_jq = 0.02F;
     stage.contact_mean = t.contact_mean;

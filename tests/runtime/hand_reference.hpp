@@ -112,7 +112,7 @@ inline void statics(const aminn_stage_model_t &s, const aminn_input_t &in, const
     }
     for (int b = 0; b < B; ++b) {
         double m[3][3], unused[C][3];
-        contact_compliance(k[b], in.j_q[b], static_cast<double>(s.eps_m), m, unused);
+        contact_compliance(k[b], in.j_q[b], static_cast<double>(s.eps_m[b]), m, unused);
         for (int j = 0; j < W; ++j) {
             double column[3], x[3];
             for (int r = 0; r < 3; ++r) {
@@ -138,7 +138,7 @@ inline void deflection(const aminn_model_t &model, const aminn_stage_model_t &s,
                        const double (&k)[C][C], const Vector6 &dx0, double (&dq0)[C])
 {
     double m[3][3], k_inv_bt[C][3], motion[3], force[3];
-    contact_compliance(k, in.j_q[b], static_cast<double>(s.eps_m), m, k_inv_bt);
+    contact_compliance(k, in.j_q[b], static_cast<double>(s.eps_m[b]), m, k_inv_bt);
     const double contact = static_cast<double>(in.contacts[b][0]);
     for (int r = 0; r < 3; ++r) {
         motion[r] = 0.0;

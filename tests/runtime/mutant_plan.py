@@ -11,7 +11,7 @@ from aminn_export.files.tables import Exported
 
 HALF = 1 << 31
 """Set in the plan's word of a float16."""
-SCALARS_AT, STAGE_SCALARS_AT = 64, 144
+SCALARS_AT, STAGE_SCALARS_AT = 68, 148
 
 
 def plan_of(exported: Exported) -> tuple[NDArray[np.uint32], NDArray[np.str_]]:

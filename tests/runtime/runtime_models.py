@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aminn.hand.dims import BRANCH_JOINTS, BRANCHES, JOINTS, N_BRANCH
-from aminn_export.files.layout import classifier_shapes, stage_shapes
+from aminn_export.files.layout import classifier_shapes, stage_shapes, stored_type
 from aminn_export.files.ranges import state_ranges
-from aminn_export.files.tables import STAGES
+from aminn_export.files.tables import STAGES, by_branch, dims_of
 
 LINK_A_M = 0.055
 LINK_B_M = 0.045
@@ -37,7 +37,8 @@ def _geometry() -> dict[str, NDArray]:
     axis[:2, 0] = [0, 0, 1]
     axis[:2, 1:] = [1, 0, 0]
     axis[2, 1:] = [-1, 0, 0]
-    return {"geom_base": base, "geom_axis": axis, "geom_link_a": np.array([[0, 0, LINK_A_M]] * 3)}
+    anchor = np.where(_MASK[..., None] > 0, np.stack([base, base, base + np.array([0, 0, LINK_A_M])], 1), 0.0)
+    return {"geom_axis": axis, "geom_anchor": anchor}
 
 
 def _nominal() -> dict[str, NDArray]:
@@ -61,16 +62,18 @@ def random_model(
     rng = np.random.default_rng(seed)
     hc, h, hd = widths
     tensors = dict(_nominal())
-    for stage in STAGES:
-        for name, shape in stage_shapes(hc, h).items():
-            tensors[f"{stage}.{name}"] = _random_table(rng, name, shape)
+    dims = dims_of(tensors)
+    eps = by_branch([eps_m, 0.8 * eps_m], dims.branches)
+    for stage, eps_of_stage in zip(STAGES, eps, strict=True):
+        for name, shape in stage_shapes(dims, hc, h).items():
+            tensors[f"{stage}.{name}"] = eps_of_stage if name == "eps_m" else _random_table(rng, name, shape)
         tensors |= {f"{stage}.{k}": v for k, v in _fit_normalisers(random_inputs(512, seed + 1)).items()}
-    for name, shape in classifier_shapes(h, hd).items():
+    for name, shape in classifier_shapes(dims, h, hd).items():
         tensors[f"s1.{name}"] = _random_table(rng, name, shape)
     tensors |= state_ranges(random_inputs(512, seed + 1))
     tensors["s1.aux_mean"][:] = [0] * 6 + [8] * 6 + [0.5] * 3
     tensors["s1.aux_inv_std"][:] = [0.5] * 6 + [0.7] * 6 + [2.0] * 3
-    tensors = {name: np.asarray(value, np.float32) for name, value in tensors.items()}
+    tensors = {name: np.asarray(value, stored_type(name, "float32")) for name, value in tensors.items()}
     meta = {
         "format_version": 1,
         "contact_width": hc,
@@ -125,18 +128,16 @@ def _rotation(axis: NDArray, angle: NDArray) -> NDArray:
 def closure(q: NDArray, x_ht: NDArray, contacts: NDArray, tensors: dict[str, NDArray]) -> tuple[NDArray, NDArray]:
     """j_x (n, 3, 3, 6) and j_q (n, 3, 3, 3) in float64 from the geometry, written from the definition."""
     q, x_ht, contacts = (np.asarray(v, float) for v in (q, x_ht, contacts))
-    base, axis, link_a = (np.asarray(tensors[k], float) for k in ("geom_base", "geom_axis", "geom_link_a"))
+    axis, anchor = (np.asarray(tensors[k], float) for k in ("geom_axis", "geom_anchor"))
     n = len(q)
     j_x, j_q = np.zeros((n, 3, 3, 6)), np.zeros((n, 3, 3, 3))
     for b in range(3):
-        roll, proximal, _ = BRANCH_JOINTS[b]
-        r1 = _rotation(axis[b, 0], q[:, roll]) if roll >= 0 else np.broadcast_to(np.eye(3), (n, 3, 3))
-        r12 = r1 @ _rotation(axis[b, 1], q[:, proximal])
-        s = contacts[:, b, 1:4] - base[b]
-        arms = (s, s, s - r12 @ link_a[b])
-        axes = (np.broadcast_to(axis[b, 0], (n, 3)), r1 @ axis[b, 1], r12 @ axis[b, 2])
-        for i in range(3):
-            j_q[:, b, :, i] = -np.cross(axes[i], arms[i]) * (BRANCH_JOINTS[b][i] >= 0)
+        turn, arm, before = np.broadcast_to(np.eye(3), (n, 3, 3)), contacts[:, b, 1:4], np.zeros(3)
+        for i, joint in enumerate(BRANCH_JOINTS[b]):
+            arm, before = arm - turn @ (anchor[b, i] - before), anchor[b, i]
+            j_q[:, b, :, i] = -np.cross(turn @ axis[b, i], arm) * (joint >= 0)
+            if joint >= 0:
+                turn = turn @ _rotation(axis[b, i], q[:, joint])
         r = contacts[:, b, 1:4] - x_ht[:, :3]
         j_x[:, b, :, :3] = np.eye(3)
         for i in range(3):
@@ -161,12 +162,12 @@ def random_inputs(n: int, seed: int = 0, fade: bool = False) -> dict[str, NDArra
     contacts[contacts[..., 0].sum(1) == 0, 0, 0] = 1
     for b in range(3):
         roll_joint, proximal, distal = BRANCH_JOINTS[b]
-        axis = geometry["geom_axis"][b]
+        axis, anchor = geometry["geom_axis"][b], geometry["geom_anchor"][b]
         r1 = _rotation(axis[0], q[:, roll_joint]) if roll_joint >= 0 else np.broadcast_to(np.eye(3), (n, 3, 3))
         r12 = r1 @ _rotation(axis[1], q[:, proximal])
         r123 = r12 @ _rotation(axis[2], q[:, distal])
-        tip = r12 @ geometry["geom_link_a"][b] + r123 @ np.array([0, 0, LINK_B_M])
-        contacts[:, b, 1:4] = geometry["geom_base"][b] + tip + 0.004 * rng.normal(size=(n, 3))
+        tip = r12 @ (anchor[2] - anchor[1]) + r123 @ np.array([0, 0, LINK_B_M])
+        contacts[:, b, 1:4] = anchor[1] + tip + 0.004 * rng.normal(size=(n, 3))
     centre = contacts[..., 1:4].mean(1) + 0.01 * rng.normal(size=(n, 3))
     inward = centre[:, None] - contacts[..., 1:4]
     contacts[..., 4:7] = inward / np.linalg.norm(inward, axis=-1, keepdims=True)

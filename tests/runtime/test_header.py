@@ -37,7 +37,7 @@ def test_network_dimensions() -> None:
     assert macro("AMINN_N_CONTACT_INPUT") == dims.N_CONTACT_INPUT
     assert macro("AMINN_N_GLOBAL_INPUT") == dims.N_GLOBAL_INPUT
     assert macro("AMINN_N_HEAD") == dims.N_HEAD
-    assert macro("AMINN_N_HEAD_STORED") == layout.N_HEAD_STORED
+    assert macro("AMINN_N_HEAD_STORED") == layout.head_stored(REFERENCE_HAND.dims)
     assert macro("AMINN_N_AUX") == dims.N_AUX
     assert macro("AMINN_N_CHOLESKY") == REFERENCE_HAND.dims.cholesky
     assert macro("AMINN_N_BRANCH_HEAD") == REFERENCE_HAND.dims.branch_head

@@ -58,7 +58,8 @@ static void another_version_is_refused(void)
 
 static void another_hand_is_refused(void)
 {
-    uint32_t *dims[] = {&model.n_branch, &model.n_coord, &model.n_joint, &model.n_contact_feature, &model.n_wrench};
+    uint32_t *dims[] = {&model.n_branch,          &model.n_coord,  &model.n_joint,
+                        &model.n_contact_feature, &model.n_wrench, &model.n_gated};
     size_t i;
     for (i = 0; i < sizeof dims / sizeof dims[0]; ++i) {
         *dims[i] += 1;
@@ -102,9 +103,8 @@ static void a_missing_table_is_refused(void)
     REFUSED_WITHOUT(tendon_gain_nom);
     REFUSED_WITHOUT(gate_nom);
     REFUSED_WITHOUT(coord_mask);
-    REFUSED_WITHOUT(geom_base);
     REFUSED_WITHOUT(geom_axis);
-    REFUSED_WITHOUT(geom_link_a);
+    REFUSED_WITHOUT(geom_anchor);
     REFUSED_WITHOUT(range_min);
     REFUSED_WITHOUT(range_max);
     REFUSED_WITHOUT(aux_mean);
@@ -118,6 +118,7 @@ static void a_missing_table_is_refused(void)
     REFUSED_WITHOUT(hand);
     REFUSED_WITHOUT(made_by);
     for (k = 0; k < AMINN_N_STAGE; ++k) {
+        REFUSED_WITHOUT(stage[k].eps_m);
         REFUSED_WITHOUT(stage[k].contact_mean);
         REFUSED_WITHOUT(stage[k].contact_inv_std);
         REFUSED_WITHOUT(stage[k].global_mean);
@@ -168,20 +169,41 @@ static void constants_out_of_range_are_refused(void)
     REFUSED_SCALAR(log_range, INFINITY);
     REFUSED_VALUE(wrench_log_scale, 6, 5, 0.0F);
     REFUSED_VALUE(chol_nom, 18, 12, -1.0F);
-    REFUSED_VALUE(tendon_gain_nom, 3, 1, 0.0F);
+    REFUSED_VALUE(tendon_gain_nom, 3, 1, -1.0F);
     REFUSED_VALUE(coord_mask, 9, 4, 0.5F);
     REFUSED_SCALAR(length_scale, 0.0F);
     REFUSED_SCALAR(log_range, -1.0F);
     REFUSED_SCALAR(displacement_log_scale, NAN);
     REFUSED_SCALAR(tau, 1.5F);
     REFUSED_SCALAR(tau, NAN);
-    REFUSED_SCALAR(stage[0].eps_m, 0.0F);
+    REFUSED_VALUE(stage[0].eps_m, 3, 0, 0.0F);
+    REFUSED_VALUE(stage[1].eps_m, 3, 2, -1e-5F);
     REFUSED_SCALAR(stage[1].eps_kx, INFINITY);
     REFUSED_SCALAR(stage[1].eps_jq, -1.0F);
     model.dq0 = 2;
     REFUSED(AMINN_E_MODEL);
     model.dq0 = AMINN_DQ0_INVERSE;
     REFUSED_SCALAR(stage[0].eps_jq, 0.0F); /* the thumb's j_q is singular without it */
+}
+
+/* a branch lacks its first coordinates, and those that there are are as many as the joints: else q is read beside its ends */
+static void a_mask_that_is_not_the_hands_is_refused(void)
+{
+    static const float wrong[][9] = {
+        {1, 1, 1, 1, 1, 1, 1, 1, 1},   /* one too many */
+        {1, 1, 1, 1, 1, 1, 0, 0, 1},   /* one too few */
+        {1, 1, 1, 1, 1, 1, 1, 0, 1},   /* not the first is absent */
+        {1, 1, 1, 1, 1, 1, 1, 1, 0},   /* the last is */
+        {1, 1, 0.5F, 1, 1, 1, 0, 1, 1} /* neither there nor absent */
+    };
+    static const float other[9] = {0, 1, 1, 1, 1, 1, 1, 1, 1}; /* a hand of as many joints */
+    size_t i;
+    for (i = 0; i < sizeof wrong / sizeof wrong[0]; ++i) {
+        model.coord_mask = wrong[i];
+        REFUSED(AMINN_E_MODEL);
+    }
+    model.coord_mask = other;
+    REFUSED(AMINN_OK);
 }
 
 int main(void)
@@ -196,5 +218,6 @@ int main(void)
     RUN_TEST(a_weight_that_is_no_number_is_refused);
     RUN_TEST(a_float16_weight_that_is_no_number_is_refused);
     RUN_TEST(constants_out_of_range_are_refused);
+    RUN_TEST(a_mask_that_is_not_the_hands_is_refused);
     return UNITY_END();
 }

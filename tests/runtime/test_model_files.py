@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from runtime_models import RandomModel, random_model
 
-from aminn.hand.dims import N_HEAD
 from aminn_base.errors import AminnError
 from aminn_export.files.bin_model import bin_model_bytes, read_bin_model, write_bin_model
 from aminn_export.files.c_model import c_model_texts, float_literal, write_c_model
-from aminn_export.files.layout import N_HEAD_STORED, layout_of
+from aminn_export.files.layout import head_stored, layout_of
+from aminn_export.files.tables import by_branch, shortest
 
 
 @pytest.fixture(scope="module")
@@ -43,9 +43,10 @@ def test_blob_gives_back_the_model(model: RandomModel, tmp_path) -> None:
     back = read_bin_model(tmp_path / "m.bin")
     assert set(back.tensors) == set(model.tensors)
     for name, value in model.tensors.items():
-        assert back.tensors[name].dtype == np.float32
+        assert back.tensors[name].dtype == value.dtype
         np.testing.assert_array_equal(back.tensors[name], value, err_msg=name)
-    for name, value in model.meta.items():
+    for name in model.meta.keys() - {"branches", "joints"}:  # a binary model has no names of parts
+        value = model.meta[name]
         expected = np.float32(value) if isinstance(value, float) else value
         if name.startswith("eps_"):
             expected = [float(np.float32(v)) for v in value]
@@ -90,7 +91,13 @@ def test_write_c_model_names_files_after_the_prefix(model: RandomModel, tmp_path
         ({"format_version": 2}, "format_version"),
         ({"tau": float("nan")}, "tau"),
         ({"checkpoint_sha256": "abc"}, "checkpoint_sha256"),
-        ({"branch_joints": [[0, 1, 2], [3, 4, 5], [6, 7, -1]]}, "branch_joints"),
+        ({"coord_mask": np.float32([[1, 1, 1], [1, 1, 1], [1, 1, 0]])}, "0 for the first ones"),
+        ({"coord_mask": np.float32([[1, 1, 1], [1, 1, 1], [1, 0, 1]])}, "0 for the first ones"),
+        ({"coord_mask": np.float32([[1, 1, 0.5], [1, 1, 1], [0, 1, 1]])}, "1 where a branch has one"),
+        ({"coord_mask": np.ones((1, 3), np.float32)}, "2 to 5 branches"),
+        ({"coord_mask": np.ones((3, 6), np.float32)}, "of 1 to 5 coordinates"),
+        ({"coord_mask": np.ones(9, np.float32)}, "expected 2 to 5 branches"),
+        ({"s1__eps_m": np.zeros(2, np.float32)}, r"s1.eps_m has shape"),
     ],
 )
 def test_a_model_that_does_not_fit_is_named(model: RandomModel, change: dict, message: str) -> None:
@@ -98,20 +105,32 @@ def test_a_model_that_does_not_fit_is_named(model: RandomModel, change: dict, me
         bin_model_bytes(changed(model, **change))
 
 
+def test_contact_compliance_is_a_value_a_branch(model: RandomModel, tmp_path) -> None:
+    other = np.array([1e-5, 2e-5, 4e-5], np.float32)
+    write_bin_model(changed(model, s2__eps_m=other), tmp_path / "m.bin")
+    back = read_bin_model(tmp_path / "m.bin")
+    np.testing.assert_array_equal(back.tensors["s2.eps_m"], other)
+    stages = by_branch(back.meta["eps_m"], 3)
+    np.testing.assert_array_equal(stages.astype(np.float32), [model.tensors["s1.eps_m"], other])
+    assert shortest(stages) == back.meta["eps_m"] and shortest(by_branch(1e-5, 3)) == 1e-5
+    assert shortest(by_branch([1e-5, 2e-5], 3)) == [1e-5, 2e-5]
+
+
 def test_rows_of_the_head_end_with_zeros(model: RandomModel) -> None:
-    for table in layout_of(model).tables:
+    layout = layout_of(model)
+    for table in layout.tables:
         if table.field.startswith("head_"):
-            rows = table.values.reshape(-1, N_HEAD_STORED)
-            assert rows[:, :N_HEAD].all()
-            assert not rows[:, N_HEAD:].any()
+            rows = table.values.reshape(-1, head_stored(layout.dims))
+            assert rows[:, : layout.dims.head].all()
+            assert not rows[:, layout.dims.head :].any()
 
 
 def test_missing_parts_are_named(model: RandomModel) -> None:
     tensors = {k: v for k, v in model.tensors.items() if k != "s2.head_b"}
     with pytest.raises(AminnError, match=r"s2\.head_b is missing"):
         bin_model_bytes(dataclasses.replace(model, tensors=tensors))
-    meta = {k: v for k, v in model.meta.items() if k not in ("tau", "eps_m")}
-    with pytest.raises(AminnError, match="tau, eps_m"):
+    meta = {k: v for k, v in model.meta.items() if k not in ("tau", "eps_kx")}
+    with pytest.raises(AminnError, match="tau, eps_kx"):
         bin_model_bytes(dataclasses.replace(model, meta=meta))
 
 

@@ -174,7 +174,7 @@ static void a_flipped_bit_of_a_constant_is_found(void)
 {
     uint8_t *const places[] = {(uint8_t *)&model.tau,
                                (uint8_t *)&model.length_scale,
-                               (uint8_t *)&model.stage[0].eps_m,
+                               (uint8_t *)&model.stage[0].eps_kx,
                                (uint8_t *)&model.stage[1].eps_jq,
                                model.checkpoint_sha256,
                                model.data_sha256 + 31,
@@ -248,10 +248,10 @@ static void intermediates_that_are_not_the_librarys_are_found(void)
 {
     const uint32_t hc = model.contact_width, h = model.width, hd = model.classifier_width;
     const uint32_t elements =
-        181 + 2 * (194 + 52 * hc + (hc + 27) * h + (h + 1) * h + 40 * h) + 31 + (h + 17) * hd + 93;
+        190 + 2 * (197 + 52 * hc + (hc + 27) * h + (h + 1) * h + 40 * h) + 31 + (h + 17) * hd + 93;
     const uint32_t before = model.stages_crc, after = before ^ 0x80u;
     model.stages_crc = after;
-    model.content_crc ^= crc_difference(before, after, 4 * 4 + 64 + 24 + 4 * (size_t)elements);
+    model.content_crc ^= crc_difference(before, after, 4 * 4 + 64 + 16 + 4 * (size_t)elements);
     FOUND(AMINN_E_KNOWN_ANSWER);
 }
 

@@ -1,6 +1,7 @@
 // The C runtime as the Python module aminn_export._runtime: what a model's known answer is computed with.
 #include <cstdint>
 #include <cstring>
+#include <string>
 #include <vector>
 
 #include <nanobind/nanobind.h>
@@ -61,7 +62,9 @@ nb::tuple run(const nb::bytes &blob, const Numbers &numbers)
     const size_t n = numbers.shape(0);
     const size_t columns = numbers.shape(1);
     if (columns != AMINN_N_STATE && columns != kInputWords) {
-        throw nb::value_error("numbers: expected 44 (a state) or 125 (an input) a row");
+        throw nb::value_error(("numbers: expected " + std::to_string(AMINN_N_STATE) + " (a state) or " +
+                               std::to_string(kInputWords) + " (an input) a row")
+                                  .c_str());
     }
     const std::vector<uint64_t> bytes = aligned(blob);
     aminn_model_t model;
@@ -99,9 +102,11 @@ nb::object self_test(const nb::bytes &blob)
 NB_MODULE(_runtime, m)
 {
     m.doc() = "The C runtime: predictions from a binary model, bit by bit those of every other build of it.";
+    m.attr("hand") = nb::make_tuple(AMINN_N_BRANCH, AMINN_N_COORD, AMINN_N_JOINT, AMINN_N_CONTACT_FEATURE,
+                                    AMINN_N_WRENCH, AMINN_N_GATED); // as a model states them
     m.def("run", &run, nb::arg("blob"), nb::arg("numbers"),
-          "Predict with both stages from rows of float32: 44 numbers (aminn_state_t) or 125 (aminn_input_t). Returns\n"
-          "(outputs (n, 49) uint32, stages (n, 216) uint32, status (n, 1) int32): the words of aminn_output_t and of\n"
+          "Predict with both stages from rows of float32: those of aminn_state_t or aminn_input_t. Returns\n"
+          "(outputs (n, .) uint32, stages (n, .) uint32, status (n, 1) int32): the words of aminn_output_t and of\n"
           "both aminn_stage_debug_t, zeros after an error. ValueError if the model is refused.");
     m.def("self_test", &self_test, nb::arg("blob"), "Status code of loading a model and of aminn_self_test().");
     m.def("status_name", &aminn_status_name, nb::arg("status"), "Name of a status code.");

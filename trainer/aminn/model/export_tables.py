@@ -34,7 +34,9 @@ _CLASSIFIER = {
     "cls2_b": "cls2.bias",
 }
 _CONSTANTS = ("wrench_log_scale", "chol_nom", "tendon_dir_nom", "tendon_gain_nom", "gate_nom", "coord_mask")
-HAND_TABLES = ("chol_nom", "tendon_dir_nom", "tendon_gain_nom", "coord_mask", "geom_base", "geom_axis", "geom_link_a")
+_TENDONS = ("tendon_dir_nom", "tendon_gain_nom", "gate_nom")
+"""Which a model of a hand without gates lacks."""
+HAND_TABLES = ("chol_nom", "tendon_dir_nom", "tendon_gain_nom", "coord_mask", "geom_axis", "geom_anchor")
 """What a hand is, for a model."""
 
 
@@ -67,7 +69,7 @@ def _check_exportable(checkpoint: Checkpoint, model: Aminn) -> None:
 def _identity(checkpoint: Checkpoint, tensors: dict[str, NDArray[np.float32]]) -> dict[str, str]:
     """Which hand and data set the model is of, where its training recorded them."""
     hand = re.sub(r'[^ -~]|["\\?]', "-", str(checkpoint.meta.get("data", {}).get("hand", "hand")))[:46]
-    constants = b"".join(tensors[name].astype("<f4").tobytes() for name in HAND_TABLES)
+    constants = b"".join(tensors[name].astype("<f4").tobytes() for name in HAND_TABLES if name in tensors)
     identity = {"hand": f"{hand} {hashlib.sha256(constants).hexdigest()[:8]}"}
     if "data_config_sha256" in checkpoint.meta:
         identity["data_sha256"] = checkpoint.meta["data_config_sha256"]
@@ -75,17 +77,9 @@ def _identity(checkpoint: Checkpoint, tensors: dict[str, NDArray[np.float32]]) -
 
 
 def geometry_tables(hand: Hand) -> dict[str, NDArray]:
-    """What the closure is computed from. Raises AminnError for a hand that the exported forms do not have yet."""
-    nominal, dims = nominal_of(hand), hand.dims
-    shared = np.cross(nominal.axis[:, 0], nominal.anchor[:, 0] - nominal.anchor[:, min(1, dims.coordinates - 1)])
-    known = hand.coordinate_joints == ((0, 1, 2), (3, 4, 5), (-1, 6, 7)) and dims.gates == 3
-    if not known or np.abs(shared).max() > 1e-9 or np.ptp(nominal.eps_m) > 0:
-        raise AminnError(
-            f"hand {hand.name}: models of two fingers of roll, proximal and distal joint and a thumb without roll can "
-            "be exported, others cannot yet"
-        )
-    base = nominal.anchor[:, 1]
-    return {"geom_base": base, "geom_axis": nominal.axis, "geom_link_a": nominal.anchor[:, 2] - base}
+    """What the closure is computed from: axis and anchor of each coordinate at q = 0 (B, C, 3)."""
+    nominal = nominal_of(hand)
+    return {"geom_axis": nominal.axis, "geom_anchor": nominal.anchor}
 
 
 def export_tables(checkpoint: Checkpoint) -> ExportedModel:
@@ -99,12 +93,13 @@ def export_tables(checkpoint: Checkpoint) -> ExportedModel:
     classifier = model.stage1.state_dict()
     tensors |= {"s1." + name: classifier[key].numpy() for name, key in _CLASSIFIER.items()}
     constants = model.stage2.backbone.state_dict()
-    tensors |= {name: constants[name].numpy() for name in _CONSTANTS}
+    tensors |= {name: constants[name].numpy() for name in _CONSTANTS if model.hand.dims.gates or name not in _TENDONS}
     tensors |= geometry_tables(model.hand)
     _check_exportable(checkpoint, model)
     stages = [asdict(m) for m in model.config.mechanics]
     for stage, part in zip(stages, (model.stage1.backbone, model.stage2.backbone), strict=True):
-        stage["eps_m"] = part.eps_m[0]
+        stage["eps_m"] = part.eps_m if np.ptp(part.eps_m) > 0 else part.eps_m[0]
+    tensors |= {f"s{i}.eps_m": np.full(model.hand.dims.branches, s["eps_m"]) for i, s in enumerate(stages, 1)}
     if stages[0]["dq0"] != stages[1]["dq0"]:
         raise AminnError(f"{checkpoint.path}: the stages differ in dq0; an exported model has one form for both")
     tensors = {k: np.ascontiguousarray(v, np.float32) for k, v in tensors.items()}

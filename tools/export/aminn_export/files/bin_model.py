@@ -5,34 +5,35 @@ from __future__ import annotations
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aminn.hand.dims import BRANCH_JOINTS, BRANCHES, JOINTS
 from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
 from aminn_base.read import AnyPath
+from aminn_hand.hand import MAX_BRANCHES, MAX_COORDINATES, MIN_BRANCHES, Dims
 
 from .known_answer import answered
 from .layout import (
     DQ0_CODES,
     FORMAT_VERSION,
-    N_STATE,
     NAME_ROOM,
     SCALARS,
     STAGE_SCALARS,
     TABLES_VERSION,
     WEIGHT_CODES,
-    WEIGHT_TYPES,
-    is_weight,
     restored,
     stored_shape,
+    stored_type,
     tensor_name,
     tensor_order,
 )
-from .packing import BODY, DIMS, HEAD, MAGIC, N_OUTPUT_WORDS, content_crc, pack, room
-from .tables import Exported
+from .packing import BODY, HEAD, MAGIC, content_crc, header_dims, output_words, pack, room
+from .tables import STAGES, Exported, branch_joints, dims_of, shortest
+
+_RESERVED = 23  # of BODY's fields
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class BinModel:
     """A model read back from a blob; has the form of an exported model."""
 
     meta: dict
-    tensors: dict[str, NDArray[np.float32]]
+    tensors: dict[str, NDArray[Any]]
 
 
 def bin_model_bytes(exported: Exported) -> bytes:
@@ -73,35 +74,47 @@ def _check(blob: bytes, path: Path) -> None:
         raise AminnError(f"{path}: damaged: its CRC-32 does not match")
 
 
+def _dims(found: tuple[int, ...], path: Path) -> Dims:
+    """The counts of the hand that a header states. Raises AminnError for those of none."""
+    branches, coordinates, joints, _, _, gates = found
+    dims = Dims(branches, coordinates, joints, gates, gates)
+    inside = MIN_BRANCHES <= branches <= MAX_BRANCHES and 1 <= coordinates <= MAX_COORDINATES and gates <= branches
+    if not inside or not branches <= joints <= branches * coordinates or found != tuple(header_dims(dims).values()):
+        raise AminnError(f"{path}: dimensions {found} are those of no hand")
+    return dims
+
+
 def read_bin_model(path: AnyPath) -> BinModel:
     """Read a blob back. Raises AminnError on a damaged file, OSError if it cannot be read."""
     path = Path(path)
     blob = path.read_bytes()
     _check(blob, path)
     fields = BODY.unpack_from(blob, HEAD.size)
-    if fields[1:6] != DIMS:
-        raise AminnError(f"{path}: dimensions {fields[1:6]}, this program knows {DIMS}")
-    hc, h, hd, dq0, weights = fields[6:11]
+    dims = _dims(fields[1:7], path)
+    hc, h, hd, dq0, weights = fields[7:12]
     names = {code: name for name, code in DQ0_CODES.items()}, {code: name for name, code in WEIGHT_CODES.items()}
+    if fields[_RESERVED]:
+        raise AminnError(f"{path}: damaged: the word behind its constants is {fields[_RESERVED]}, expected 0")
     if dq0 not in names[0] or weights not in names[1]:
         raise AminnError(f"{path}: dq0 {dq0} or weights {weights} is not what this program knows")
-    weight_type = WEIGHT_TYPES[names[1][weights]]
     tables = [
-        (owner, field, stored_shape(field, shape), np.dtype(weight_type if is_weight(field) else np.float32))
-        for owner, field, shape in tensor_order(hc, h, hd)
+        (owner, field, stored_shape(dims, field, shape), np.dtype(stored_type(field, names[1][weights])))
+        for owner, field, shape in tensor_order(dims, hc, h, hd)
     ]
     at = HEAD.size + BODY.size
-    answer_room = room(4 * (N_STATE + N_OUTPUT_WORDS))
+    answer_room = room(4 * (dims.state + output_words(dims)))
     if at + sum(room(int(np.prod(shape)) * dtype.itemsize) for _, _, shape, dtype in tables) + answer_room != len(blob):
         raise AminnError(f"{path}: its length does not fit its widths {hc}, {h}, {hd}")
     tensors = {}
     for owner, field, shape, dtype in tables:
         flat = np.frombuffer(blob, dtype.newbyteorder("<"), int(np.prod(shape)), at)
         at += room(flat.nbytes)
-        tensors[tensor_name(owner, field)] = restored(field, flat, shape)
-    known_state = np.frombuffer(blob, "<f4", N_STATE, at)
-    meta = dict(zip(SCALARS, fields[12:16], strict=True))
-    meta |= {name: list(fields[18 + 2 * i : 20 + 2 * i]) for i, name in enumerate(STAGE_SCALARS)}
+        tensors[tensor_name(owner, field)] = restored(dims, field, flat, shape)
+    if header_dims(dims_of(tensors)) != header_dims(dims):
+        raise AminnError(f"{path}: coord_mask {tensors['coord_mask'].tolist()} does not fit its dimensions")
+    known_state = np.frombuffer(blob, "<f4", dims.state, at)
+    meta = dict(zip(SCALARS, fields[13:17], strict=True))
+    meta |= {name: list(fields[19 + 2 * i : 21 + 2 * i]) for i, name in enumerate(STAGE_SCALARS)}
     meta |= {
         kind: text.rstrip(b"\0").decode("ascii", "replace") for kind, text in zip(NAME_ROOM, fields[24:], strict=True)
     }
@@ -112,11 +125,10 @@ def read_bin_model(path: AnyPath) -> BinModel:
         "width": h,
         "classifier_width": hd,
         "dq0": names[0][dq0],
-        "checkpoint_sha256": fields[16].hex(),
-        "data_sha256": fields[17].hex(),
+        "checkpoint_sha256": fields[17].hex(),
+        "data_sha256": fields[18].hex(),
         "known_state": [float(v) for v in known_state],
-        "branches": list(BRANCHES),
-        "joints": list(JOINTS),
-        "branch_joints": [list(row) for row in BRANCH_JOINTS],
+        "eps_m": shortest(np.array([tensors[f"{stage}.eps_m"] for stage in STAGES])),
+        "branch_joints": branch_joints(tensors),
     }
     return BinModel(meta, tensors)

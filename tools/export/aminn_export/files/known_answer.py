@@ -14,24 +14,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aminn.data.dataset import SPLITS, Dataset, split_of
-from aminn.hand.dims import N_BRANCH, N_WRENCH
 from aminn_base.errors import AminnError
+from aminn_hand.hand import N_WRENCH, Dims
 
-from .layout import N_STATE, Layout, layout_of
-from .packing import N_OUTPUT_WORDS, KnownAnswer, pack
+from .layout import Layout, layout_of
+from .packing import KnownAnswer, header_dims, output_words, pack
 from .ranges import STATE_FIELDS
-from .tables import Exported
+from .tables import Exported, dims_of
 
+_LOAD = (0.3, -0.5, -0.8, 0.01, 0.02, -0.01)
 # A grasp of the reference hand, for a model that is exported without its data: joint angles, tool pose, load, contacts.
-BUILT_IN_STATE = (
+REFERENCE_GRASP = (
     *(0.0, 0.15, 0.55, 0.0, 0.15, 0.55, 0.15, 0.55),
     *(0.0, 0.0, 0.09, 0.1, -0.05, 0.2),
-    *(0.3, -0.5, -0.8, 0.01, 0.02, -0.01),
+    *_LOAD,
     *(1.0, 0.022, 0.012, 0.092, 0.0, -1.0, 0.0, 3.0),
     *(1.0, -0.022, 0.012, 0.088, 0.0, -1.0, 0.0, 3.0),
     *(1.0, 0.001, -0.012, 0.09, 0.0, 1.0, 0.0, 6.0),
 )
-_GATE = slice(1 + N_WRENCH + N_WRENCH * N_WRENCH, 1 + N_WRENCH + N_WRENCH * N_WRENCH + N_BRANCH)
+_GATE_AT = 1 + N_WRENCH + N_WRENCH * N_WRENCH
+_BENT_RAD, _REACH_M, _PRESS_N = 0.2, 0.03, 3.0
 
 
 def runtime() -> ModuleType:
@@ -42,27 +44,63 @@ def runtime() -> ModuleType:
         raise AminnError(f"export: the compiled runtime is missing ({error}); install the package again") from error
 
 
-def _unanswered(state: NDArray[np.float32]) -> KnownAnswer:
-    return KnownAnswer(state, np.zeros(N_OUTPUT_WORDS, np.uint32), 0)
+def _answers_for(dims: Dims, module: ModuleType) -> bool:
+    """Whether a compiled runtime is that of a hand of these counts."""
+    return bool(tuple(module.hand) == tuple(header_dims(dims).values()))
+
+
+def runtime_for(dims: Dims) -> ModuleType:
+    """The runtime compiled for a hand of these counts."""
+    module = runtime()
+    if not _answers_for(dims, module):
+        raise AminnError(f"export: the compiled runtime is for a hand of {module.hand}, the model of {dims}")
+    return module
+
+
+def built_in_state(exported: Exported) -> NDArray[np.float32]:
+    """A state of the model's hand that can be predicted from, for a model that is exported without its data (S).
+
+    Of the reference hand a grasp; of another one a tool between contacts near the last joint of each branch.
+    """
+    dims, axes, anchors = dims_of(exported.tensors), exported.tensors["geom_axis"], exported.tensors["geom_anchor"]
+    if _answers_for(dims, runtime()):
+        return np.array(REFERENCE_GRASP, np.float32)
+    last = np.asarray(anchors[:, -1], float)
+    away = last - last.mean(0)
+    across = np.cross(axes[:, -1], away)
+    points = last + _REACH_M * across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-3)
+    inward = points.mean(0) - points
+    inward += np.where(np.linalg.norm(inward, axis=1, keepdims=True) < 1e-3, [0.0, 0.0, 1.0], 0.0)
+    normals = inward / np.linalg.norm(inward, axis=1, keepdims=True)
+    one = np.ones((dims.branches, 1))
+    contacts = np.concatenate([one, points, normals, _PRESS_N * one], 1)
+    pose = np.concatenate([points.mean(0), np.zeros(3)])
+    state = np.concatenate([np.full(dims.joints, _BENT_RAD), pose, _LOAD, contacts.ravel()])
+    return state.astype(np.float32)
+
+
+def _unanswered(dims: Dims) -> KnownAnswer:
+    return KnownAnswer(np.zeros(dims.state, np.float32), np.zeros(output_words(dims), np.uint32), 0)
 
 
 def _run(layout: Layout, states: NDArray[np.float32]) -> tuple[NDArray, NDArray, NDArray]:
-    """Words of the outputs (N, 49), of the stages (N, 216), status (N,) of states (N, 44)."""
-    blob = pack(layout, _unanswered(np.zeros(N_STATE, np.float32)))
+    """Words of the outputs (N, .), of both stages (N, .), status (N,) of states (N, S)."""
+    blob = pack(layout, _unanswered(layout.dims))
     try:
-        outputs, stages, status = runtime().run(blob, np.ascontiguousarray(states, np.float32))
+        outputs, stages, status = runtime_for(layout.dims).run(blob, np.ascontiguousarray(states, np.float32))
     except ValueError as error:
         raise AminnError(f"export: the runtime refuses the {error}") from error
     return outputs, stages, status[:, 0]
 
 
 def answered(exported: Exported) -> tuple[Layout, KnownAnswer]:
-    """A checked model in the runtime's order, with the answer to its `known_state` (else to `BUILT_IN_STATE`).
+    """A checked model in the runtime's order, with the answer to its `known_state` (else to `built_in_state`).
 
     Raises AminnError if the model does not fit the runtime, or predicts no number from that state.
     """
     layout = layout_of(exported)
-    state = np.asarray(exported.meta.get("known_state", BUILT_IN_STATE), np.float32)
+    known = exported.meta.get("known_state")
+    state = built_in_state(exported) if known is None else np.asarray(known, np.float32)
     outputs, stages, status = _run(layout, state[None])
     if status[0]:
         raise AminnError(
@@ -77,13 +115,14 @@ def informative_state(exported: Exported, dataset: Dataset) -> list[float]:
     samples = dataset.samples
     rows = np.flatnonzero((split_of(samples["grasp_id"]) == SPLITS.index("train")) & (samples["stable"] > 0))
     if not len(rows):
-        return list(BUILT_IN_STATE)
+        return [float(v) for v in built_in_state(exported)]
     fields = [np.asarray(samples[name][rows], np.float32).reshape(len(rows), -1) for name in STATE_FIELDS]
     states = np.concatenate(fields, 1)
-    outputs, _, status = _run(layout_of(exported), states)
+    layout = layout_of(exported)
+    outputs, _, status = _run(layout, states)
     numbers = outputs.view(np.float32).astype(np.float64)
     score = (numbers[:, 0] >= float(exported.meta["tau"])).astype(np.float64)
-    shares = [share * (1 - share) for share in (numbers[:, 0], *numbers[:, _GATE].T)]
-    score += shares[0] * shares[1] * shares[2] * shares[3]
+    gates = numbers[:, _GATE_AT : _GATE_AT + layout.dims.branches].T if layout.dims.gates else ()
+    score += np.prod([share * (1 - share) for share in (numbers[:, 0], *gates)], 0)
     score[status != 0] = -1
     return [float(v) for v in states[int(np.argmax(score))]]

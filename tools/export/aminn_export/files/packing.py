@@ -9,20 +9,34 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aminn.hand.dims import N_BRANCH, N_CONTACT_FEATURE, N_COORD, N_JOINT, N_WRENCH
+from aminn_hand.hand import N_CONTACT_FEATURE, N_WRENCH, Dims
 
 from .layout import DQ0_CODES, FORMAT_VERSION, SCALARS, STAGE_SCALARS, WEIGHT_CODES, Layout, Table
 
 MAGIC = 0x4D4E4D41  # "AMNM"
-DIMS = (N_BRANCH, N_COORD, N_JOINT, N_CONTACT_FEATURE, N_WRENCH)
 TABLE_ALIGNMENT = 64
 """Each table begins at a multiple of it, counted from the blob's start."""
 HEAD = struct.Struct("<4I")  # magic, format version, size, CRC-32 of what follows
 # CRC-32 of the content; dimensions, widths, dq0 and weights, CRC-32 of the known stages, scalars; SHA-256 of checkpoint
-# and data set; stage scalars; name, hand, made by
-BODY = struct.Struct("<I5I3I2II4f32s32s6f56s56s40s")
-N_OUTPUT_WORDS = 49
-"""Of `aminn_output_t`."""
+# and data set; stage scalars; 0; name, hand, made by
+BODY = struct.Struct("<I6I3I2II4f32s32s4fI56s56s40s")
+
+
+def header_dims(dims: Dims) -> dict[str, int]:
+    """Members of `aminn_model_t` by which the runtime knows the hand, in the header's order."""
+    return {
+        "n_branch": dims.branches,
+        "n_coord": dims.coordinates,
+        "n_joint": dims.joints,
+        "n_contact_feature": N_CONTACT_FEATURE,
+        "n_wrench": N_WRENCH,
+        "n_gated": dims.gates,
+    }
+
+
+def output_words(dims: Dims) -> int:
+    """Words of `aminn_output_t`: the outputs, condition, stable, notes."""
+    return dims.output + 3
 
 
 @dataclass(frozen=True)
@@ -30,9 +44,9 @@ class KnownAnswer:
     """A state and what the runtime makes of it (`aminn_known_answer_t`)."""
 
     state: NDArray[np.float32]
-    """Fields of `aminn_state_t` (44)."""
+    """Fields of `aminn_state_t`."""
     output: NDArray[np.uint32]
-    """Words of `aminn_output_t` (49): 47 floats, then stable and notes."""
+    """Words of `aminn_output_t`: floats, then stable and notes."""
     stages_crc: int
     """CRC-32 of both stages' `aminn_stage_debug_t`."""
 
@@ -54,13 +68,14 @@ def _little_endian(table: Table) -> bytes:
 def _numbers(layout: Layout, answer: KnownAnswer) -> bytes:
     codes = (DQ0_CODES[layout.dq0], WEIGHT_CODES[layout.weights])
     scalars = [float(layout.scalars[name]) for name in SCALARS]
-    return struct.pack("<5I3I2II4f", *DIMS, *layout.widths, *codes, answer.stages_crc, *scalars)
+    dims = header_dims(layout.dims).values()
+    return struct.pack("<6I3I2II4f", *dims, *layout.widths, *codes, answer.stages_crc, *scalars)
 
 
 def content_crc(layout: Layout, answer: KnownAnswer) -> int:
     """CRC-32 of what the runtime computes with (`aminn_model_t.content_crc`): the same for every form of the model."""
     stages = zip(*(layout.stage_scalars[name] for name in STAGE_SCALARS), strict=True)
-    eps = b"".join(struct.pack("<3f", *map(float, stage)) for stage in stages)
+    eps = b"".join(struct.pack("<2f", *map(float, stage)) for stage in stages)
     tables = b"".join(_little_endian(table) for table in layout.tables)
     return zlib.crc32(_numbers(layout, answer) + layout.sha256 + layout.data_sha256 + eps + tables + answer.words)
 
@@ -69,7 +84,7 @@ def pack(layout: Layout, answer: KnownAnswer) -> bytes:
     """The blob."""
     eps = [float(v) for name in STAGE_SCALARS for v in layout.stage_scalars[name]]
     body = struct.pack("<I", content_crc(layout, answer)) + _numbers(layout, answer)
-    body += layout.sha256 + layout.data_sha256 + struct.pack("<6f", *eps)
+    body += layout.sha256 + layout.data_sha256 + struct.pack("<4fI", *eps, 0)
     body += struct.pack("56s56s40s", *(text.encode() for text in layout.names))
     assert len(body) == BODY.size
     for values in (*map(_little_endian, layout.tables), answer.words):

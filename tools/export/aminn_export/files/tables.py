@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError
-from aminn_hand.hand import Dims
+from aminn_hand.hand import MAX_BRANCHES, MAX_COORDINATES, MIN_BRANCHES, Dims
 
 STAGES = ("s1", "s2")
 HAND = "hand_description"
@@ -26,7 +26,7 @@ class Exported(Protocol):
 
     @property
     def tensors(self) -> dict[str, NDArray[Any]]:
-        """Tables by name, weights [out][in]; "s1." or "s2." before the name of a stage's own."""
+        """float32 tables by name, weights [out][in]; "s1." or "s2." before the name of a stage's own."""
 
 
 def pair_of(value: object) -> tuple[float, float]:
@@ -36,12 +36,22 @@ def pair_of(value: object) -> tuple[float, float]:
 
 
 def dims_of(tensors: Tensors) -> Dims:
-    """The counts of a model's hand, from its tables; of tendons those with a gate alone."""
+    """The counts of a model's hand, from its tables; of tendons those with a gate alone.
+
+    Raises AminnError where `coord_mask` is not that of a hand.
+    """
     if "coord_mask" not in tensors:
         raise AminnError("model: tensor coord_mask is missing")
     mask = np.asarray(tensors["coord_mask"])
+    hand = mask.ndim == 2 and MIN_BRANCHES <= len(mask) <= MAX_BRANCHES and 1 <= mask.shape[1] <= MAX_COORDINATES
+    if not hand or not np.isin(mask, (0, 1)).all() or not mask[:, -1].all() or (np.diff(mask) < 0).any():
+        raise AminnError(
+            f"model: coord_mask is {mask.tolist()}, expected {MIN_BRANCHES} to {MAX_BRANCHES} branches of 1 to "
+            f"{MAX_COORDINATES} coordinates, 1 where a branch has one, 0 for the first ones, which it may lack"
+        )
     gates = max(1, int(np.count_nonzero(tensors["tendon_gain_nom"]))) if "tendon_gain_nom" in tensors else 0
-    return Dims(mask.shape[0], mask.shape[1], int(mask.sum()), gates, gates, "twist_nom" in tensors)
+    branches, coordinates = mask.shape
+    return Dims(branches, coordinates, int(mask.sum()), gates, gates, "twist_nom" in tensors)
 
 
 def by_branch(value: object, branches: int) -> NDArray[np.float64]:
@@ -57,3 +67,10 @@ def shortest(values: NDArray[np.floating]) -> float | list[Any]:
     if (values == values[:, :1]).all():
         return [float(v) for v in values[:, 0]]
     return [[float(v) for v in stage] for stage in values]
+
+
+def branch_joints(tensors: Tensors) -> list[list[int]]:
+    """Index into q of each coordinate (B, C); -1 where a branch lacks it."""
+    mask = np.asarray(tensors["coord_mask"])
+    numbers = np.cumsum(mask).reshape(mask.shape) - 1
+    return [[int(j) for j in row] for row in np.where(mask > 0, numbers, -1)]

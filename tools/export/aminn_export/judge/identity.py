@@ -21,8 +21,9 @@ from aminn_base.errors import AminnError
 
 from ..files.bin_model import BinModel, model_crc
 from ..files.c_model import c_model_texts
-from ..files.known_answer import runtime
+from ..files.known_answer import runtime, runtime_for
 from ..files.onnx_model import DEBUG_FILE, ONNX_FILE, build_onnx, onnx_metadata
+from ..files.tables import dims_of
 from ..samples.golden import GOLDEN_FILE
 from ..samples.vectors import read_vectors
 
@@ -92,7 +93,7 @@ def misfits(export_dir: Path, prefix: str, model: BinModel) -> list[str]:
     Raises AminnError on a damaged file, OSError on a missing one.
     """
     lines = []
-    status = runtime().self_test((export_dir / f"{prefix}.bin").read_bytes())
+    status = runtime_for(dims_of(model.tensors)).self_test((export_dir / f"{prefix}.bin").read_bytes())
     if status:
         lines.append(f"{prefix}.bin fails its self-test: {runtime().status_text(status)}")
     for name, wanted in zip((f"{prefix}.c", f"{prefix}.h"), c_model_texts(model, prefix), strict=True):

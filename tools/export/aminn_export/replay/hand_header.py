@@ -26,14 +26,13 @@ def name_in(header: Path) -> str:
 
 
 def _counts(header: Path) -> tuple[int, ...]:
-    """What a build follows from: branches, coordinates, joints, and whether there are gates."""
+    """What a build follows from: branches, coordinates, joints, branches with a gated tendon."""
     text = header.read_text()
     found = [re.search(rf"^#define {name} (\d+)", text, re.MULTILINE) for name in _COUNTS]
     missing = [name for name, match in zip(_COUNTS, found, strict=True) if match is None]
     if missing:
         raise AminnError(f"{header}: no {', '.join(missing)} there; export the model again")
-    *counts, gated = (int(match[1]) for match in found if match is not None)
-    return (*counts, min(gated, 1))
+    return tuple(int(match[1]) for match in found if match is not None)
 
 
 def same_build(first: Path, second: Path) -> bool:

@@ -35,7 +35,8 @@ def _turned(axis: Array, angle: Array, v: Array) -> Array:
 def closure(q: Array, x_ht: Array, contacts: Array, exported: Exported) -> tuple[Array, Array]:
     """j_x (n, 3, 3, 6) and j_q (n, 3, 3, 3) in float64 from the model's hand geometry; zero for open contacts."""
     n = len(q)
-    base, axes, link = (np.asarray(exported.tensors[f"geom_{k}"], np.float64) for k in ("base", "axis", "link_a"))
+    axes, anchors = (np.asarray(exported.tensors[f"geom_{k}"], np.float64) for k in ("axis", "anchor"))
+    base, link = anchors[:, 1], anchors[:, 2] - anchors[:, 1]
     j_x, j_q = np.zeros((n, N_BRANCH, 3, N_WRENCH)), np.zeros((n, N_BRANCH, 3, 3))
     for b in range(N_BRANCH):
         roll, proximal, _ = BRANCH_JOINTS[b]
@@ -57,7 +58,8 @@ def closure(q: Array, x_ht: Array, contacts: Array, exported: Exported) -> tuple
 def _straighten(x: dict[str, Array], exported: Exported, rng: np.random.Generator) -> None:
     """Contacts on the lines of the proximal links, but for an angle of 1e-7 to 0.1 rad; Jacobians to match."""
     n = len(x["q"])
-    base, axes, link = (np.asarray(exported.tensors[f"geom_{k}"], np.float64) for k in ("base", "axis", "link_a"))
+    axes, anchors = (np.asarray(exported.tensors[f"geom_{k}"], np.float64) for k in ("axis", "anchor"))
+    base, link = anchors[:, 1], anchors[:, 2] - anchors[:, 1]
     for b in range(N_BRANCH):
         roll, proximal, distal = BRANCH_JOINTS[b]
         bend = 10 ** rng.uniform(-7, -1, n)
