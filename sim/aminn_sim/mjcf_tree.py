@@ -41,11 +41,14 @@ def _expanded(element: Element, folder: Path, seen: tuple[Path, ...]) -> Iterato
     yield element
 
 
-def read_mjcf(path: Path) -> Element:
+def read_mjcf(path: Path, hand_file: Path | None = None) -> Element:
     """The model as one tree: includes are expanded, files of assets have absolute paths. Raises AminnError."""
     root = _parse(path)
     if root.tag == "robot":
-        raise AminnError(f"{path}: a URDF; convert it to MJCF first (it has no stiffness and no actuators)")
+        raise AminnError(
+            f"{path}: a URDF; aminn hand convert {hand_file or path} --out FOLDER makes an MJCF of it, without the "
+            "stiffness and the actuators that a URDF lacks"
+        )
     if root.tag != "mujoco":
         raise AminnError(f"{path}: <{root.tag}> is no MuJoCo model; an MJCF file begins with <mujoco>")
     next(_expanded(root, path.parent, (path.resolve(),)))

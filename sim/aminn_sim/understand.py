@@ -66,12 +66,15 @@ class Understood:
 class _Model:
     """A compiled model's arrays, read once."""
 
-    def __init__(self, text: str, path: Path) -> None:
+    def __init__(self, text: str, path: Path, hand_file: Path) -> None:
         try:
             self.engine = _core.Engine(text)
         except _core.MujocoError as error:
-            message = str(error).removeprefix("scene.xml: ")
-            raise AminnError(f"{path}: MuJoCo {_core.MUJOCO_VERSION} does not take this model: {message}") from error
+            message = " ".join(str(error).removeprefix("scene.xml: ").split())
+            raise AminnError(
+                f"{path}: MuJoCo {_core.MUJOCO_VERSION} does not take this model: {message}; written for a newer "
+                f"MuJoCo? aminn hand convert {hand_file} --out FOLDER makes it one that it takes"
+            ) from error
         self.bodies = self._names("body")
         self.joints = self._names("joint")
         self.tendons = self._names("tendon")
@@ -262,20 +265,20 @@ class _Reader:
     def read(self) -> Understood:
         file = read_hand_file(self.path)
         source = model_path(file, self.path)
-        root = mjcf_tree.read_mjcf(source)
+        root = mjcf_tree.read_mjcf(source, self.path)
         _name_parts(root)
         _tell(file, root, self.path)
-        model = _Model(mjcf_tree.text_of(root), source)
+        model = _Model(mjcf_tree.text_of(root), source, self.path)
         palm = _palm_of(model, file, self.path, set())
         above = [model.joints[j] for b in model.ancestors(palm) for j in model.joints_of(b)]
         mjcf_tree.remove_joints(root, set(above))
         self._remove_others(root, model)
-        model = _Model(mjcf_tree.text_of(root), source)
+        model = _Model(mjcf_tree.text_of(root), source, self.path)
         palm = model.body(model.bodies[palm], "palm") if file.palm is None else model.body(file.palm, "palm")
         chains = _chains(model, palm, self.path, set())
         joints = [[j for b in chain for j in model.joints_of(b)] for chain in chains]
         if _add_servos(file, root, model, [j for js in joints for j in js]):
-            model = _Model(mjcf_tree.text_of(root), source)
+            model = _Model(mjcf_tree.text_of(root), source, self.path)
         self._refuse_outside(model, palm, joints)
         hand, tips, reach = self._hand(file, model, palm, chains, joints)
         postures = self._postures(file, hand)

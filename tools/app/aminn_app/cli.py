@@ -394,10 +394,6 @@ def explain(checkpoint: Path, data: Path, sample: int, out: Path | None, json_fi
         click.echo(f"picture: {out}")
 
 
-if __name__ == "__main__":
-    main()
-
-
 @main.group(cls=Commands)
 def hand() -> None:
     """Describe a hand of your own."""
@@ -436,3 +432,25 @@ def check(file: Path, pinch: float, grasps: int, seed: int, picture: Path | None
     if done.problem:
         raise click.ClickException(f"{file}: {done.problem}")
     click.echo("accepted")
+
+
+@hand.command()
+@click.argument("file", type=READABLE)
+@click.option(
+    "--out", type=FOLDER, required=True, help="Folder for the model, a report, and the hand file that names it."
+)
+def convert(file: Path, out: Path) -> None:
+    """Make a model that the simulation's MuJoCo takes of one for a newer MuJoCo, or of a URDF.
+
+    FILE is a hand file (.toml) or a model. The current MuJoCo (pip install 'aminn[mujoco]') compiles it; the outcome is
+    written anew, held against the original and reported. Refuses by name what would be lost: a plugin actuator, a
+    spring that is not linear, a fingertip that touches nothing.
+    """
+    from aminn_sim.convert import convert_to
+
+    made = convert_to(file, out, click.echo)
+    click.echo(f"go on with {made}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,287 @@
+"""Models that the simulation's MuJoCo refuses: each converted with the same numbers, or refused by name."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from aminn_app.cli import main
+from aminn_base.errors import AminnError
+from aminn_sim import _core
+from aminn_sim.convert import convert
+from aminn_sim.mjcf_tree import text_of
+from aminn_sim.understand import understand
+
+mujoco = pytest.importorskip("mujoco", reason="the current MuJoCo is not installed: pip install 'aminn[mujoco]'")
+
+FINGER = """
+<body name="{n}_1" pos="0 {y} 0.02">
+  <joint name="{n}_1" axis="{a} 0 0" range="-0.2 1.5" {joint}/>
+  <geom type="capsule" size="0.006" fromto="0 0 0.008 0 0 0.035" contype="0" conaffinity="0"/>
+  <frame pos="0 0 0.03"><frame pos="0 0 0.01" euler="0 0 0">
+    <body name="{n}_2">
+      <joint name="{n}_2" axis="{a} 0 0" range="-0.2 1.5"/>
+      <frame pos="0 0 0.03">{tip}</frame>
+    </body>
+  </frame></frame>
+</body>"""
+TIP = '<geom name="{n}_tip" size="0.008" mass="0.01"/>'
+SERVOS = "".join(
+    f'<position name="{n}" joint="{n}" kp="2" kv="0.05"/>' for n in ("left_1", "left_2", "right_1", "right_2")
+)
+
+
+def hand(
+    *, option: str = "", joint: str = "", tip: str = TIP, actuator: str = SERVOS, rest: str = "", tops: str = ""
+) -> str:
+    """A hand of two fingers in the dialect of the current MuJoCo."""
+    fingers = "".join(
+        FINGER.format(n=n, y=y, a=a, joint=joint, tip=tip.format(n=n))
+        for n, y, a in (("left", 0.03, 1), ("right", -0.03, -1))
+    )
+    return (
+        f'<mujoco model="new"><compiler angle="radian"/>{option}{tops}<worldbody><body name="palm">'
+        f'<geom name="palm" type="box" size="0.02 0.04 0.01"/>{fingers}</body></worldbody>'
+        f"<actuator>{actuator}</actuator>{rest}</mujoco>"
+    )
+
+
+def write_hand(folder: Path, model: str, name: str = "hand.xml", sheet: str = "") -> Path:
+    (folder / name).write_text(model)
+    file = folder / "hand.toml"
+    file.write_text(f'name = "new"  # mine\nmodel = "{name}"\n{sheet}')
+    return file
+
+
+MESH_VERTICES = " ".join(f"{x} {y} {z}" for x in (-0.006, 0.006) for y in (-0.006, 0.008) for z in (-0.006, 0.01))
+TENDON = (
+    '<tendon><fixed name="pull"><joint joint="left_1" coef="0.01"/><joint joint="left_2" coef="0.01"/></fixed></tendon>'
+)
+ACCEPTED = {
+    "servos with kv, limits by range alone, nested frames": hand(),
+    "options of newer engines": hand(
+        option='<option integrator="implicitfast" ls_iterations="20"><flag nativeccd="enable"/></option>'
+    ),
+    "inertia drawn as ellipsoids": hand(tops='<visual><global ellipsoidinertia="true"/></visual>'),
+    "a force limit on a joint": hand(joint='actuatorfrcrange="-0.5 0.5"'),
+    "mesh fingertips": hand(
+        tops=f'<asset><mesh name="pad" vertex="{MESH_VERTICES}" inertia="convex"/></asset>',
+        tip='<geom name="{n}_tip" type="mesh" mesh="pad"/>',
+    ),
+    "replicated colliders": hand(
+        tip='<replicate count="3" offset="0 0.002 0"><geom name="{n}_tip" size="0.006"/></replicate>'
+    ),
+    "a filtered servo": hand(actuator=SERVOS.replace('kv="0.05"', 'kv="0.05" timeconst="0.01"')),
+    "gravity compensation": hand(rest="").replace('<body name="left_1"', '<body name="left_1" gravcomp="1"'),
+    "a coupling and a tendon": hand(
+        actuator=SERVOS + '<position name="pull" tendon="pull" kp="100" kv="1" forcerange="-5 0"/>',
+        rest=TENDON + '<equality><joint joint1="right_2" joint2="right_1" polycoef="0 0.7 0 0 0"/></equality>',
+    ),
+}
+REFUSED = {
+    "a plugin actuator": (
+        hand(
+            option='<extension><plugin plugin="mujoco.pid"/></extension>',
+            actuator='<plugin name="knuckle" joint="left_1" plugin="mujoco.pid"><config key="kp" value="2"/></plugin>',
+        ),
+        ("knuckle", "plugin", "<position>"),
+    ),
+    "a tendon spring with a dead band": (
+        hand(rest=TENDON.replace('name="pull"', 'name="pull" stiffness="9" springlength="0 0.01"')),
+        ("tendon pull", "dead band"),
+    ),
+    "a force limit on a joint of two actuators": (
+        hand(joint='actuatorfrcrange="-0.5 0.5"', actuator=SERVOS + '<motor name="more" joint="left_1"/>'),
+        ("joint left_1", "actuatorfrcrange"),
+    ),
+    "a force limit on a tendon": (
+        hand(rest=TENDON.replace('name="pull"', 'name="pull" actuatorfrcrange="-1 1"')),
+        ("tendon pull", "actuatorfrcrange"),
+    ),
+    "sites tied to each other": (
+        hand(
+            tip=TIP + '<site name="{n}_site"/>',
+            rest='<equality><connect name="knot" site1="left_site" site2="right_site"/></equality>',
+        ),
+        ("equality knot", "connect between sites"),
+    ),
+    "what no engine takes": (hand(rest="<nonsense/>"), ("MuJoCo 4", "nonsense")),
+}
+
+
+@pytest.mark.parametrize("name", ACCEPTED)
+def test_newer_model_comes_through_with_the_same_numbers(name: str, tmp_path: Path) -> None:
+    file = write_hand(tmp_path, ACCEPTED[name])
+    with pytest.raises(AminnError, match=f"aminn hand convert {file} --out FOLDER"):
+        understand(file)
+    result = CliRunner().invoke(main, ["hand", "convert", str(file), "--out", str(tmp_path / "new")])
+    assert result.exit_code == 0, result.output
+    report = json.loads((tmp_path / "new" / "report.json").read_text())
+    assert all(row["same"] for row in report["rows"].values())
+    assert (tmp_path / "new" / "report.txt").read_text().splitlines()[0] in result.output
+    assert report["rows"]["joints"]["converted"] == "4"
+    found = understand(tmp_path / "new" / "hand.toml").hand
+    assert [len(b.coordinates) for b in found.branches] == [2, 2]
+    assert found.branches[0].coordinates[1].anchor_m == pytest.approx((0, 0.03, 0.06))
+    assert [c.servo_Nm_rad for b in found.branches for c in b.coordinates] == [2.0] * 4
+    assert file.read_text().startswith('name = "new"')  # the original stays
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_loss_is_refused_by_name(name: str, tmp_path: Path) -> None:
+    model, words = REFUSED[name]
+    file = write_hand(tmp_path, model)
+    result = CliRunner().invoke(main, ["hand", "convert", str(file), "--out", str(tmp_path / "new")])
+    assert result.exit_code == 1
+    assert all(word in result.output for word in words), result.output
+    assert "Traceback" not in result.output
+    assert not (tmp_path / "new").exists()
+
+
+def test_limits_of_joints_become_limits_of_their_actuators(tmp_path: Path) -> None:
+    file = write_hand(tmp_path, ACCEPTED["a force limit on a joint"])
+    engine = _core.Engine(text_of(convert(tmp_path / "hand.xml").root))
+    assert engine.model("actuator_forcelimited").tolist() == [1, 0, 1, 0]
+    assert engine.model("actuator_forcerange")[0].tolist() == [-0.5, 0.5]
+    assert file.exists()
+
+
+def test_what_does_not_matter_is_said(tmp_path: Path) -> None:
+    write_hand(tmp_path, ACCEPTED["gravity compensation"])
+    said = " ".join(convert(tmp_path / "hand.xml").warnings)
+    assert "gravity compensation of left_1" in said
+    assert "2 shapes that touch nothing" in said
+    assert "one point a pair" in said
+
+
+def settled(text: str | None, model: object | None) -> np.ndarray:
+    """Angles (4) that both engines come to rest at under torques on the joints."""
+    push = np.array([0.04, -0.02, 0.03, 0.05])
+    if text is not None:
+        engine = _core.Engine(text)
+        engine.reset()
+        engine.set("qfrc_applied", push)
+        assert engine.step(4000)
+        return np.asarray(engine.data("qpos"))
+    data = mujoco.MjData(model)
+    data.qfrc_applied[:] = push
+    mujoco.mj_step(model, data, 4000)
+    return np.array(data.qpos)
+
+
+@pytest.mark.parametrize(
+    "name", ["servos with kv, limits by range alone, nested frames", "mesh fingertips", "a coupling and a tendon"]
+)
+def test_both_engines_come_to_rest_alike(name: str, tmp_path: Path) -> None:
+    implicit = '<option integrator="implicit" timestep="0.001"/><worldbody>'  # servos damp light fingers
+    write_hand(tmp_path, ACCEPTED[name].replace("<worldbody>", implicit))
+    original = settled(None, mujoco.MjModel.from_xml_path(str(tmp_path / "hand.xml")))
+    converted = settled(text_of(convert(tmp_path / "hand.xml").root), None)
+    assert np.abs(original).max() > 0.01
+    assert converted == pytest.approx(original, rel=1e-4, abs=1e-6)
+
+
+URDF_LINK = """<link name="{name}"><inertial><mass value="0.05"/>
+<inertia ixx="1e-5" iyy="1e-5" izz="1e-5" ixy="0" ixz="0" iyz="0"/>
+</inertial><visual><geometry><mesh filename="package://nowhere/{name}.dae"/></geometry></visual>{collision}</link>"""
+URDF_JOINT = """<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{name}_link"/>
+<origin xyz="0 {y} 0.03"/><axis xyz="{axis} 0 0"/><limit lower="-0.2" upper="1.5" effort="1" velocity="1"/>
+{mimic}</joint>"""
+COLLISION = "<collision><geometry>{shape}</geometry></collision>"
+SPHERE = COLLISION.format(shape='<sphere radius="0.008"/>')
+
+
+def urdf(tip: str = SPHERE, mimic: str = "") -> str:
+    parts = [URDF_LINK.format(name="palm", collision="")]
+    for n, y, axis in (("left", 0.03, 1), ("right", -0.03, -1)):
+        for name, parent, collision, kind, y_ in (
+            (f"{n}_1", "palm", "", "revolute", y),
+            (f"{n}_2", f"{n}_1_link", "", "revolute", 0),
+            (f"{n}_tip", f"{n}_2_link", tip, "fixed", 0),
+        ):
+            parts.append(URDF_LINK.format(name=f"{name}_link", collision=collision))
+            follows = mimic.format(n=n) if name.endswith("_2") else ""
+            parts.append(URDF_JOINT.format(name=name, kind=kind, parent=parent, y=y_, axis=axis, mimic=follows))
+    return f'<robot name="bare">{"".join(parts)}</robot>'
+
+
+def test_urdf_keeps_names_of_palm_and_tips(tmp_path: Path) -> None:
+    file = write_hand(tmp_path, urdf(), "hand.urdf", "[stiffness]\nservo_Nm_rad = { default = 1.5 }\n")
+    with pytest.raises(AminnError, match=f"a URDF; aminn hand convert {file}"):
+        understand(file)
+    result = CliRunner().invoke(main, ["hand", "convert", str(file), "--out", str(tmp_path / "new")])
+    assert result.exit_code == 0, result.output
+    assert "servo_Nm_rad" in result.output and "[[coupling]]" in result.output
+    found = understand(tmp_path / "new" / "hand.toml")
+    assert found.palm == "palm"
+    assert [len(b.coordinates) for b in found.hand.branches] == [2, 2]
+    assert {c.servo_Nm_rad for b in found.hand.branches for c in b.coordinates} == {1.5}
+
+
+def test_urdf_that_mimics_is_coupled(tmp_path: Path) -> None:
+    mimic = '<mimic joint="{n}_1" multiplier="0.6" offset="0"/>'
+    file = write_hand(
+        tmp_path, urdf(mimic=mimic), "hand.urdf", "[stiffness]\nservo_Nm_rad = { left_1 = 1.0, right_1 = 1.0 }\n"
+    )
+    CliRunner().invoke(main, ["hand", "convert", str(file), "--out", str(tmp_path / "new")], catch_exceptions=False)
+    found = understand(tmp_path / "new" / "hand.toml").hand
+    for branch in found.branches:
+        (coupling,) = branch.couplings
+        assert coupling.ratio == pytest.approx((-0.6, 1.0))
+
+
+def test_urdf_whose_fingertips_touch_nothing_is_refused(tmp_path: Path) -> None:
+    write_hand(tmp_path, urdf(tip=""), "hand.urdf")
+    with pytest.raises(
+        AminnError, match=r"<collision> in the link at the end of 2 of 2 chains.*left_2_link, right_2_link"
+    ):
+        convert(tmp_path / "hand.urdf")
+
+
+def test_meshes_of_a_package_are_found_above_the_urdf(tmp_path: Path) -> None:
+    mesh = COLLISION.format(shape='<mesh filename="package://my_hand/meshes/tip.obj"/>')
+    folder = tmp_path / "my_hand" / "urdf"
+    folder.mkdir(parents=True)
+    write_hand(folder, urdf(tip=mesh), "hand.urdf")
+    with pytest.raises(AminnError, match=r"package://my_hand/meshes/tip\.obj is not there"):
+        convert(folder / "hand.urdf")
+    (tmp_path / "my_hand" / "meshes").mkdir()
+    corners = "".join(f"v {x} {y} {z}\n" for x, y, z in ((0, 0, 0), (0.01, 0, 0), (0, 0.01, 0), (0, 0, 0.01)))
+    (tmp_path / "my_hand" / "meshes" / "tip.obj").write_text(corners + "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    assert {r.what: r.converted for r in convert(folder / "hand.urdf").rows}["colliders"] == "2"
+
+
+def test_package_is_asked_for_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = write_hand(tmp_path, hand())
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    result = CliRunner().invoke(main, ["hand", "convert", str(file), "--out", str(tmp_path / "new")])
+    assert result.exit_code == 1
+    assert "pip install 'aminn[mujoco]'" in result.output and len(result.output.splitlines()) == 1
+
+
+def test_inputs_are_never_overwritten(tmp_path: Path) -> None:
+    file = write_hand(tmp_path, hand())
+    before = [(tmp_path / name).read_text() for name in ("hand.xml", "hand.toml")]
+    result = CliRunner().invoke(main, ["hand", "convert", str(file), "--out", str(tmp_path)])
+    assert result.exit_code == 1 and "hand.xml" in result.output
+    assert before == [(tmp_path / name).read_text() for name in ("hand.xml", "hand.toml")]
+
+
+def test_a_model_alone_is_converted(tmp_path: Path) -> None:
+    write_hand(tmp_path, hand())
+    result = CliRunner().invoke(main, ["hand", "convert", str(tmp_path / "hand.xml"), "--out", str(tmp_path / "new")])
+    assert result.exit_code == 0, result.output
+    assert ET.parse(tmp_path / "new" / "hand.xml").getroot().tag == "mujoco"
+    assert sorted(p.name for p in (tmp_path / "new").iterdir()) == ["hand.xml", "report.json", "report.txt"]
+
+
+def test_program_as_a_module_has_the_command() -> None:
+    run = [sys.executable, "-m", "aminn_app.cli", "hand", "convert", "--help"]
+    assert "--out" in subprocess.run(run, capture_output=True, text=True, check=True).stdout
