@@ -12,6 +12,7 @@ import torch
 from synthetic import HANDS, write_dataset
 
 from aminn.data.dataset import Dataset, load_dataset
+from aminn.data.origin import differences
 from aminn.evaluation.analysis import breakdown, gate_figures, noise_figures
 from aminn.evaluation.evaluate import evaluate, learned
 from aminn.hand.closure import closure, fingertips
@@ -152,6 +153,28 @@ def test_a_checkpoint_of_another_hand_is_refused(made: Made, tmp_path: Path) -> 
     write_dataset(tmp_path / "data", grasps=20, of=HANDS[other])
     with pytest.raises(AminnError, match=r"trained for another hand than that of the data set .they differ in"):
         evaluate([runs["aminn"]], load_dataset(tmp_path / "data"))
+
+
+def test_what_differs_between_hands_is_named() -> None:
+    hand = HANDS["asymmetric"]
+    first, *others = hand.branches
+    coordinate, *rest = first.coordinates
+
+    def changed(**fields: object) -> Hand:
+        return replace(hand, branches=(replace(first, **fields), *others))
+
+    for other, names in (
+        (hand, []),
+        (changed(coordinates=(replace(coordinate, spring_Nm_rad=1.0), *rest)), ["springs"]),
+        (changed(coordinates=(replace(coordinate, axis=(0.0, 0.6, 0.8)), *rest)), ["axes of joints"]),
+        (changed(coordinates=(replace(coordinate, joint="twist"), *rest)), ["branches and joints"]),
+        (changed(coordinates=tuple(rest), tendons=()), ["branches and joints"]),
+        (changed(eps_m=2e-5), ["compliance of contacts"]),
+        (changed(tendons=()), ["springs", "arms of tendons", "stiffness of tendons"]),
+        (replace(hand, contact=ContactModel("soft_finger", 0.003)), ["kind of contact"]),
+        (replace(hand, length_m=0.2), ["length_m"]),
+    ):
+        assert differences(hand, other) == names
 
 
 def test_soft_fingertips_resist_twisting_by_default() -> None:

@@ -52,7 +52,7 @@ def test_export_takes_the_data_of_the_training_alone(
     export(run, tmp_path / "right", data_dir=data_dir)
     for data, message in (
         (other_seed, r"not trained on these data: .*another configuration or seed .*seed 1.*give the data set"),
-        (other_hand, r"another hand .*differ in anchor"),
+        (other_hand, r"another hand .*differ in anchors of joints\)"),
     ):
         with pytest.raises(AminnError, match=message):
             export(run, tmp_path / "wrong", data_dir=data)

@@ -29,17 +29,32 @@ def check_hand(checkpoint: Checkpoint, data: Dataset) -> None:
         )
 
 
+CONSTANTS = {
+    "chol": "springs",
+    "tendon_dir": "arms of tendons",
+    "tendon_gain": "stiffness of tendons",
+    "eps_m": "compliance of contacts",
+    "axis": "axes of joints",
+    "anchor": "anchors of joints",
+}
+"""Field of `Nominal` -> what it is of a hand."""
+
+
 def differences(mine: Hand, other: Hand) -> list[str]:
-    """In what two hands differ for a model: names, dimensions, or the mechanics layer's constants."""
-    if mine.joints != other.joints or [b.name for b in mine.branches] != [b.name for b in other.branches]:
+    """In what two hands differ for a model."""
+    if _names(mine) != _names(other):
         return ["branches and joints"]
-    constants, others = vars(nominal_of(mine)), vars(nominal_of(other))
-    wrong = [name for name, v in constants.items() if not np.allclose(v, others[name], rtol=1e-5, atol=1e-9)]
-    if mine.branch_joints != other.branch_joints:
-        wrong.append("joints of a branch")
+    own, others = vars(nominal_of(mine)), vars(nominal_of(other))
+    wrong = [text for name, text in CONSTANTS.items() if not np.allclose(own[name], others[name], rtol=1e-5, atol=1e-9)]
+    if mine.contact.kind != other.contact.kind:
+        wrong.append("kind of contact")
     if mine.length_m != other.length_m:
         wrong.append("length_m")
     return wrong
+
+
+def _names(hand: Hand) -> list[list[str]]:
+    return [[branch.name, *(c.joint for c in branch.coordinates)] for branch in hand.branches]
 
 
 def same_configuration(checkpoint: Checkpoint, data: Dataset) -> bool:

@@ -13,6 +13,7 @@ KINDS = {
     "aminn": "AMINN, a network that predicts springs and tendons, and a statics layer that turns them into motion",
     "mlp": "a cascade of two MLPs, the black box that AMINN is compared with",
 }
+CONTACTS = {"point": "point contacts", "soft_finger": "soft fingertips"}
 # Figure of the validation split -> how the card names it.
 FIGURES = (
     ("f1", "F1 of stable", "{:.3f}"),
@@ -41,6 +42,8 @@ def _card(checkpoint: Checkpoint) -> str:
     epochs = {stage: len(curves["validation"]) for stage, curves in meta["history"].items()}
     best = {stage: 1 + int(np.argmin(curves["validation"])) for stage, curves in meta["history"].items()}
     config = build_config(TrainConfig, meta["identity"]["config"])
+    hand = checkpoint.model.hand
+    branches = ", ".join(f"{b.name} of {len(b.coordinates)}" for b in hand.branches) + " joints"
     return "\n".join(
         [
             f"# Model card: {meta['kind']}",
@@ -53,7 +56,7 @@ def _card(checkpoint: Checkpoint) -> str:
             f"| parameters | {meta['n_parameters']} |",
             f"| threshold tau | {meta['tau']:.4f}, chosen on validation data |",
             f"| weights | `{WEIGHTS}`, {CARD_HASH}: {checkpoint.sha256} |",
-            f"| hand | {data['hand']} |",
+            f"| hand | {hand.name}: {branches} |",
             f"| simulator | {data['simulator']} |",
             f"| data set | {meta['identity']['data_sha256']} |",
             f"| trained on | {data['train_samples']} load cases of {data['train_grasps']} grasps |",
@@ -70,7 +73,7 @@ def _card(checkpoint: Checkpoint) -> str:
             "",
             "## Limits",
             "",
-            "- One hand, simulated, quasi-static loads, point contacts: see the data set's manifest for the ranges.",
+            f"- One hand, simulated, quasi-static loads, {CONTACTS[hand.contact.kind]}: for ranges see the manifest.",
             "- Friction is not an input. Where a contact slides, the motion is a guess around the training data's.",
             "- Displacements are trained on stable cases: where `p_stable` is below tau, `dx_ht` means nothing.",
             "",
