@@ -97,8 +97,9 @@ def test_options_give_finite_predictions_without_energy(dataset: Dataset, option
     assert all(torch.isfinite(v).all() for v in out.values())
     assert ((x["w_e"] * out["dx_ht"]).sum(1) > 0).all()
     save_checkpoint(tmp_path, model, {"tau": 0.5})
-    if options == {"heads": "free"}:
-        assert export_tables(load_checkpoint(tmp_path)).tensors["chol_nom"].std() > 0
+    if options in ({"heads": "free"}, {"soft_finger": True}):
+        tables = export_tables(load_checkpoint(tmp_path)).tensors
+        assert tables["chol_nom"].std() > 0 and ("twist_nom" in tables) == ("soft_finger" in options)
     else:
         with pytest.raises(AminnError, match="option of the trainer alone"):
             export_tables(load_checkpoint(tmp_path))

@@ -96,11 +96,11 @@ class ModelConfig:
     heads_see_wrench: bool = True
     """Springs and tendons may depend on the load, not on the grasp alone."""
     soft_finger: Annotated[bool | None, _own] = None
-    """Contacts resist twisting about their normals, or "hand": where the hand has soft fingertips; not exported."""
+    """Contacts resist twisting about their normals, or "hand": where the hand has soft fingertips."""
     slip: bool = False
     """Contacts soften along their tangent planes where pass 1 uses up their friction; not exported."""
     log_range: Annotated[float, Field(gt=0, le=20)] = 2.0
-    """Cholesky diagonals, gains and alpha stay within exp(+-log_range) of their nominal values."""
+    """Cholesky diagonals, gains and alpha stay within exp(+-log_range) of their nominal values, twist within twice."""
     wrench_log_scale: Annotated[tuple[float, ...], AfterValidator(_wrench_scale)] = (0.1, 0.1, 0.1, 0.005, 0.005, 0.005)
     """Where the signed logarithm of the wrench turns from linear to logarithmic: N and N.m."""
     displacement_log_scale: Scale = 1e-3

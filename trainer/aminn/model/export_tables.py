@@ -7,14 +7,17 @@ import re
 from dataclasses import asdict, dataclass
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from aminn_base.errors import AminnError
 from aminn_hand import Hand
 
 from ..hand.nominal import nominal_of
 from .checkpoint import Checkpoint
-from .network import Aminn, Backbone
+from .config import ModelConfig
+from .network import TWIST_NOMINAL, Aminn, Backbone
 
 FORMAT_VERSION = 1
 # Table name -> name in the backbone's state.
@@ -23,8 +26,9 @@ _BACKBONE = {
     "contact_inv_std": "contact_norm.inv_std",
     "global_mean": "global_norm.mean",
     "global_inv_std": "global_norm.inv_std",
-} | {f"{layer}_{short}": f"{layer}.{long}" for layer in ("contact", "trunk1", "trunk2", "head")
+} | {f"{layer}_{short}": f"{layer}.{long}" for layer in ("contact", "trunk1", "trunk2")
      for short, long in (("w", "weight"), ("b", "bias"))}  # fmt: skip
+_HEAD = {"w": "weight", "b": "bias"}
 _CLASSIFIER = {
     "aux_mean": "aux_norm.mean",
     "aux_inv_std": "aux_norm.inv_std",
@@ -52,14 +56,23 @@ class ExportedModel:
 
 def _stage_tables(prefix: str, backbone: Backbone) -> dict[str, NDArray]:
     state = backbone.state_dict()
-    return {prefix + name: state[key].numpy() for name, key in _BACKBONE.items()}
+    tables = {prefix + name: state[key].numpy() for name, key in _BACKBONE.items()}
+    return tables | {prefix + f"head_{short}": _whole_head(backbone, long).numpy() for short, long in _HEAD.items()}
 
 
-def _check_exportable(checkpoint: Checkpoint, model: Aminn) -> None:
+def _whole_head(backbone: Backbone, part: str) -> Tensor:
+    """Weight or bias of the mechanics head, with the twist head's as the last number of each branch if there is one."""
+    head = getattr(backbone.head, part).detach()
+    if backbone.twist_head is None:
+        return head
+    rows = head.unflatten(0, (backbone.dims.branches, -1))
+    twist = getattr(backbone.twist_head, part).detach().unsqueeze(1)
+    return torch.cat([rows, twist], 1).flatten(0, 1)
+
+
+def _check_exportable(checkpoint: Checkpoint, config: ModelConfig) -> None:
     """Raises AminnError for options that the exported forms do not have."""
-    config = model.config
-    heads = {"soft_finger": "twist_head", "slip": "slip_head"}
-    extra = [name for name, head in heads.items() if getattr(model.stage2.backbone, head) is not None]
+    extra = ["slip"] if config.slip else []
     if not config.heads_see_wrench:
         extra.append("heads_see_wrench = false")
     if extra:
@@ -89,14 +102,17 @@ def export_tables(checkpoint: Checkpoint) -> ExportedModel:
         raise AminnError(
             f"{checkpoint.path}: a {model.kind} has no mechanics layer to export; give an aminn checkpoint"
         )
+    config = model.config
+    _check_exportable(checkpoint, config)
     tensors = _stage_tables("s1.", model.stage1.backbone) | _stage_tables("s2.", model.stage2.backbone)
     classifier = model.stage1.state_dict()
     tensors |= {"s1." + name: classifier[key].numpy() for name, key in _CLASSIFIER.items()}
     constants = model.stage2.backbone.state_dict()
     tensors |= {name: constants[name].numpy() for name in _CONSTANTS if model.hand.dims.gates or name not in _TENDONS}
     tensors |= geometry_tables(model.hand)
-    _check_exportable(checkpoint, model)
-    stages = [asdict(m) for m in model.config.mechanics]
+    if config.twists(model.hand):
+        tensors["twist_nom"] = np.full(model.hand.dims.branches, TWIST_NOMINAL)
+    stages = [asdict(m) for m in config.mechanics]
     for stage, part in zip(stages, (model.stage1.backbone, model.stage2.backbone), strict=True):
         stage["eps_m"] = part.eps_m if np.ptp(part.eps_m) > 0 else part.eps_m[0]
     tensors |= {f"s{i}.eps_m": np.full(model.hand.dims.branches, s["eps_m"]) for i, s in enumerate(stages, 1)}
@@ -115,11 +131,11 @@ def export_tables(checkpoint: Checkpoint) -> ExportedModel:
             "tau": float(np.float32(checkpoint.meta["tau"])),
             "dq0": stages[0]["dq0"],
             "length_scale": model.hand.length_m,
-            "log_range": model.config.log_range,
-            "displacement_log_scale": model.config.displacement_log_scale,
-            "contact_width": model.config.contact_width,
-            "width": model.config.width,
-            "classifier_width": model.config.classifier_width,
+            "log_range": config.log_range,
+            "displacement_log_scale": config.displacement_log_scale,
+            "contact_width": config.contact_width,
+            "width": config.width,
+            "classifier_width": config.classifier_width,
         }
         | {name: [stage[name] for stage in stages] for name in ("eps_m", "eps_kx", "eps_jq")}
     )

@@ -231,7 +231,8 @@ class Backbone(nn.Module):
             change = self.eps_m_change.exp()
             extras = extras._replace(eps_m=self.eps_m_start.to(change.dtype) * change)
         if self.twist_head is not None:
-            extras = extras._replace(twist=TWIST_NOMINAL * torch.exp(4 * torch.tanh(self.twist_head(f))))  # (N, B)
+            reach = 2 * self.config.log_range
+            extras = extras._replace(twist=TWIST_NOMINAL * torch.exp(reach * torch.tanh(self.twist_head(f))))  # (N, B)
         if self.slip_head is not None:
             raw = torch.tanh(self.slip_head(f)).unflatten(-1, (2, self.dims.branches))
             friction, compliance = raw.unbind(-2)  # (N, B) each
