@@ -92,10 +92,14 @@ class _Model:
 
     @cached_property
     def free_tree(self) -> NDArray[np.bool_]:
-        """Which bodies hang on a free joint: objects beside the hand."""
-        free = np.zeros(len(self.bodies), bool)
+        """Which bodies hang on a free joint: objects beside the hand, which hangs on one where nothing else moves."""
+        free, tops = np.zeros(len(self.bodies), bool), np.arange(len(self.bodies))
         for body in range(1, len(self.bodies)):
             free[body] = free[self.parent[body]] or bool((self.jnt_type[self.jnt_body == body] == FREE).any())
+            tops[body] = tops[self.parent[body]] if self.parent[body] else body
+        jointed = np.unique(self.jnt_body[self.jnt_type != FREE])
+        if free[jointed].all():
+            free &= ~np.isin(tops, tops[jointed])
         return free
 
     def ancestors(self, body: int) -> list[int]:
@@ -124,8 +128,8 @@ class _Model:
 def _name_parts(root: ET.Element) -> None:
     """Give every joint and geom a name that can be referred to."""
     bodies = [e for body in root.iter("worldbody") for e in body.iter("body")]
-    for tag in ("joint", "geom"):
-        for i, part in enumerate(e for body in bodies for e in body if e.tag == tag and not e.get("name")):
+    for tag, tags in (("joint", ("joint", "freejoint")), ("geom", ("geom",))):
+        for i, part in enumerate(e for body in bodies for e in body if e.tag in tags and not e.get("name")):
             part.set("name", f"unnamed_{tag}_{i}")
 
 
