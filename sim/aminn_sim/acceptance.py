@@ -41,6 +41,8 @@ LOAD_N, LOADS = 0.05, 12
 LOAD_SHARE = 0.1
 """A load has LOAD_N or this share of the pinch force, whichever is less."""
 MOST_HOLDING = 3
+RELAXATION_S = 0.01
+"""Damping over stiffness of every joint: a load is over within a few of these, however the model is damped."""
 NEAR_M = 0.05
 TANGENT_M_N = 1e-9
 """Sticking contacts do not give way in their plane (the engine's last iterations see to that)."""
@@ -118,6 +120,7 @@ def _scene(understood: Understood, radius_m: float, friction: float) -> str:
     option.set("noslip_iterations", "30")
     option.set("noslip_tolerance", "1e-10")
     ET.SubElement(root, "size", njmax="2000", nconmax="400")
+    _damp(root, understood.hand)
     world = mjcf_tree.section(root, "worldbody")
     body = ET.SubElement(world, "body", name=TOOL, pos="0 0 0")
     ET.SubElement(body, "freejoint", name=TOOL)
@@ -139,6 +142,20 @@ def _scene(understood: Understood, radius_m: float, friction: float) -> str:
     ):
         geom.set(key, value)
     return mjcf_tree.text_of(root)
+
+
+def _damp(root: ET.Element, hand: Hand) -> None:
+    """Make every joint come to rest alike. Where it does so does not depend on damping, when it does so does."""
+    joints = {e.get("name"): e for body in root.iter("body") for e in body if e.tag == "joint"}
+    for branch in hand.branches:
+        for coordinate, stiffness in zip(branch.coordinates, np.diag(branch.stiffness()), strict=True):
+            joints[coordinate.joint].set("damping", repr(float(RELAXATION_S * stiffness)))
+    for element in root.iter():
+        bias = element.get("biasprm", "").split()
+        if len(bias) > 2:
+            element.set("biasprm", " ".join([*bias[:2], "0", *bias[3:]]))
+        if element.tag in ("fixed", "spatial", "tendon"):
+            element.attrib.pop("damping", None)
 
 
 class _Bench:

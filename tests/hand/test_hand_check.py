@@ -36,6 +36,7 @@ REFUSED = {
 }
 # Of the accepted ones: branches, coordinates of the longest, joints, and what the description must say.
 ACCEPTED = {
+    "joints that are damped a hundred times more": (3, 3, 8),
     "a fourth finger": (4, 3, 10),
     "a middle joint": (3, 4, 9),
     "a thumb with a roll": (3, 3, 9),

@@ -58,6 +58,7 @@ SPATIAL = (
 )
 ROUTE = '<geom name="palm" type="box"'
 MODELS: dict[str, Edit] = {
+    "joints that are damped a hundred times more": lambda text: re.sub(r'" damping="0', '" damping="1', text),
     "a fourth finger": replaced(('\n      <body name="finger1_base" ', FINGER_3)),
     "a middle joint": replaced(
         ('\n          <body name="finger1_distal" pos="0 0 0.055">', MIDDLE), (END, END + "</body>")
