@@ -127,8 +127,9 @@ AMINN_FUNCTION void factor_contact(const Branches *springs, const aminn_input_t 
         inv_diag[c] = 1.0F / springs[at(kDiag + c, g)];
         contact.row_weight[c] = inv_diag[c] * inv_diag[c];
     }
+    const Branches compliance = gather(eps_m + b, 1, n);
     for (int i = 0; i < 3; ++i) {
-        contact.row_weight[kCoord + i] = gather(eps_m + b, 1, n);
+        contact.row_weight[kCoord + i] = compliance;
     }
     for (int r = 1; r < kCoord; ++r) {
         for (int c = 0; c < r; ++c) {
@@ -165,8 +166,9 @@ AMINN_FUNCTION void factor_contact(const Branches *springs, const aminn_input_t 
 }
 
 // to[k] = the 3 rows of branch k of a group, summed with its coefficients
-AMINN_FUNCTION static void combine_branches(Row to[], const Row rows[], const Branches coefficient[3], int n)
+AMINN_FUNCTION static void combine_branches(Row to[], const Row rows[], const Branches coefficient[3], int g)
 {
+    const int n = in_group(g);
     float c[3][kSideBySide];
     for (int i = 0; i < 3; ++i) {
         scatter(coefficient[i], c[i], 1, n);
@@ -186,7 +188,7 @@ static void factor_grasp(const Branches *springs, const aminn_input_t &in, const
         Row *v = grasp.rows + 3 * b;
         factor_contact(springs, in, g, stage.eps_m, grasp.contact[g], v, grasp.weight + 3 * b);
         if constexpr (kGated) {
-            combine_branches(grasp.stiffness + kMotion + b, v, grasp.contact[g].t, in_group(g));
+            combine_branches(grasp.stiffness + kMotion + b, v, grasp.contact[g].t, g);
         }
     }
     for (int i = 0; i < kMotion; ++i) {
@@ -207,12 +209,13 @@ AMINN_FUNCTION void displacement(const Grasp &grasp, const Row &z, const float t
 
 // dq0 of the branches of a group, from their rows of Q
 [[gnu::noinline]] static void deflection(const Contact &contact, const Row q[], const float *weight, const Row &z,
-                                         int n, float *dq)
+                                         int g, float *dq)
 {
+    const int n = in_group(g);
     Branches share[3];
     Branches result[kCoord];
     for (int i = 0; i < 3; ++i) {
-        float strain[kSideBySide];
+        float strain[kSideBySide] = {};
         for (int k = 0; k < n; ++k) {
             strain[k] = dot(q[3 * k + i], z);
         }
@@ -227,14 +230,12 @@ AMINN_FUNCTION void displacement(const Grasp &grasp, const Row &z, const float t
     }
 }
 
-// dq0 of a branch as the paper writes it, from the regularised inverse of j_q, and how far it stretches the tendon. Only a
-// square j_q has an inverse.
-template <int kColumns>
+#if AMINN_N_COORD == 3 // only a square j_q has an inverse
+// dq0 of a branch as the paper writes it, from the regularised inverse of j_q, and how far it stretches the tendon
 [[gnu::noinline]] static float stretch_by_inverse(const aminn_model_t &model, const aminn_input_t &in, const Row a[3],
                                                   const float *x_s, float eps_jq, const Branches *springs, int b,
                                                   float dq[3])
 {
-    static_assert(kColumns == 3, "a column for each dimension of space");
     Row rows[3 + 3]; // j_q and the motion of the contact; minus the solution falls out below the latter
     Row u[3];
     Row x;
@@ -256,6 +257,7 @@ template <int kColumns>
     }
     return stretch;
 }
+#endif
 
 // K_x in SI, symmetric to the last bit
 static void store_stiffness(const Grasp &grasp, const float inv_scale[kMotion], float k_x[kMotion][kMotion])
@@ -341,23 +343,24 @@ static void two_pass(const aminn_model_t &model, const aminn_stage_model_t &stag
         const int b = g * kSideBySide;
         const int n = in_group(g);
         const Contact &contact = grasp.contact[g];
-        float stretch[kSideBySide];
+        float stretch[kSideBySide] = {};
         Branches eta;
         if constexpr (kGated) {
-            combine_branches(h + b, grasp.rows + 3 * b, contact.t, n);
+            combine_branches(h + b, grasp.rows + 3 * b, contact.t, g);
             dots(h + b, n, z, stretch);
             eta = contact.root_contact * gather(stretch, 1, n);
         }
         if (by_inverse) {
-            if constexpr (kCoord == 3) {
-                for (int k = 0; k < n; ++k) {
-                    stretch[k] = stretch_by_inverse<kCoord>(model, in, scene.a_s + 3 * (b + k), summary.x_s,
-                                                            stage.eps_jq, springs, b + k, out.dq0[b + k]);
-                }
-                eta = gather(stretch, 1, n);
+#if AMINN_N_COORD == 3
+            for (int k = 0; k < n; ++k) {
+                const Row *a = scene.a_s + 3 * (b + k);
+                stretch[k] =
+                    stretch_by_inverse(model, in, a, summary.x_s, stage.eps_jq, springs, b + k, out.dq0[b + k]);
             }
+            eta = gather(stretch, 1, n);
+#endif
         } else if (deflections) {
-            deflection(contact, grasp.rows + 3 * b, grasp.weight + 3 * b, z, n, out.dq0[b]);
+            deflection(contact, grasp.rows + 3 * b, grasp.weight + 3 * b, z, g, out.dq0[b]);
         }
         if constexpr (kGated) {
             engage(springs, g, eta, contact.rest_square, grasp, out.gate + b);

@@ -29,7 +29,7 @@ run_tests valgrind "valgrind --quiet --error-exitcode=9 --leak-check=full --erro
 
 clang-tidy --quiet --warnings-as-errors='' "${sources[@]}" -- "${core[@]}" >"$build/clang-tidy.log" 2>"$build/clang-tidy.err"
 findings[clang_tidy]=$(grep -cE '(warning|error):' "$build/clang-tidy.log")
-cppcheck --quiet --enable=warning,performance,portability --std=c++17 --language=c++ --inline-suppr -Iruntime/include -Iruntime/src \
+cppcheck --quiet --enable=warning,performance,portability --std=c++17 --language=c++ --inline-suppr -UAMINN_HAND_HEADER -Iruntime/include -Iruntime/src \
   --suppress=missingIncludeSystem "${sources[@]}" 2>"$build/cppcheck.log"
 findings[cppcheck]=$(grep -cE '(error|warning|performance|portability):' "$build/cppcheck.log")
 : >"$build/analyzer.log"
