@@ -11,13 +11,13 @@ from pathlib import Path
 
 from runtime_models import random_inputs, random_model
 
-from aminn.hand.dims import OUTPUT_SHAPES
 from aminn_export.files.bin_model import model_crc, write_bin_model
 from aminn_export.files.c_model import write_c_model
 from aminn_export.files.tables import Exported
 from aminn_export.judge.weights import float16_model
 from aminn_export.samples.reference import Reference
 from aminn_export.samples.vectors import write_vectors
+from aminn_hand.hand import OUTPUTS
 
 GOLDEN = Path(__file__).resolve().parent.parent / "golden"
 
@@ -26,7 +26,7 @@ def write_golden(model: Exported, path: Path, n: int, seed: int) -> None:
     """Vector file of n random states with the oracle's outputs."""
     inputs = random_inputs(n, seed)
     out = Reference(model)(inputs)
-    reference = {name: out[name] for name in OUTPUT_SHAPES}
+    reference = {name: out[name] for name in OUTPUTS}
     write_vectors(path, inputs, reference, reference, model_crc(model))
 
 

@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from runtime_models import DIMS
 
-from aminn.hand.dims import INPUT_SHAPES
 from aminn_export.files.bin_model import read_bin_model
 from aminn_export.replay.targets import own_options
 from aminn_export.samples.adversarial import KINDS, adversarial_states
@@ -195,7 +195,8 @@ def _states() -> NDArray[np.float32]:
     """Rows of aminn_input_t: golden ones, hard ones, such that underflow or overflow, and such that are refused."""
     golden = read_vectors(GOLDEN / "golden.bin").inputs
     hard, _ = adversarial_states(golden, read_bin_model(GOLDEN / "aminn_model.bin"), 2 * len(KINDS))
-    parts = [pack({k: golden[k][:12] for k in INPUT_SHAPES}, INPUT_SHAPES, "<f4"), pack(hard, INPUT_SHAPES, "<f4")]
+    shapes = DIMS.inputs
+    parts = [pack({k: golden[k][:12] for k in shapes}, shapes, "<f4"), pack(hard, shapes, "<f4")]
     rows = np.concatenate(parts)
     load, contact = 8 + 6, 8 + 6 + 6
     special = rows[:12].copy()

@@ -11,11 +11,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aminn.hand.dims import BRANCH_JOINTS, BRANCHES, JOINTS, N_BRANCH
 from aminn_export.files.layout import classifier_shapes, stage_shapes, stored_type
 from aminn_export.files.ranges import state_ranges
 from aminn_export.files.tables import STAGES, by_branch, dims_of
+from aminn_hand import Dims
 
+DIMS = Dims(branches=3, coordinates=3, joints=8, tendons=6, gates=3)
+"""Of the built-in hand, which the compiled runtime is for."""
+BRANCH_JOINTS = ((0, 1, 2), (3, 4, 5), (-1, 6, 7))
+BRANCHES = ("finger1", "finger2", "thumb")
+JOINTS = tuple(
+    f"{branch}_{joint}"
+    for branch in BRANCHES
+    for joint in ("roll", "proximal", "distal")
+    if branch != "thumb" or joint != "roll"
+)
 LINK_A_M = 0.055
 LINK_B_M = 0.045
 WRENCH_LOG_SCALE = (0.1, 0.1, 0.1, 0.005, 0.005, 0.005)
@@ -105,7 +115,7 @@ def _random_table(rng: np.random.Generator, name: str, shape: tuple[int, ...]) -
 def _fit_normalisers(x: dict[str, NDArray]) -> dict[str, NDArray]:
     contacts = x["contacts"].astype(float)
     c = contacts[..., :1]
-    j_q = x["j_q"].reshape(len(c), N_BRANCH, 9)
+    j_q = x["j_q"].reshape(len(c), DIMS.branches, 9)
     z_c = np.concatenate([c, c * contacts[..., 1:], c * j_q], -1).reshape(len(c), -1)
     w_log = np.sign(x["w_e"]) * np.log1p(np.abs(x["w_e"]) / np.array(WRENCH_LOG_SCALE))
     z_g = np.concatenate([x["q"], x["x_ht"], x["w_e"], w_log], -1).astype(float)

@@ -10,16 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from runtime_models import random_inputs, random_model
+from runtime_models import DIMS, random_inputs, random_model
 
-from aminn.hand.dims import DEBUG_SHAPES, INPUT_SHAPES, OUTPUT_SHAPES
 from aminn_export.files.bin_model import bin_model_bytes
 from aminn_export.samples.reference import Reference
 from aminn_export.samples.vectors import pack, unpack
 
 ROOT = Path(__file__).resolve().parents[2]
 HOST_ARCHIVE = ROOT / "build" / "host" / "runtime" / "libaminn_rt.a"
-N_DEBUG = sum(int(np.prod(shape)) for shape in DEBUG_SHAPES.values())
+N_DEBUG = sum(int(np.prod(shape)) for shape in DIMS.debug.values())
 
 SHIM = """
 #include "aminn_rt.h"
@@ -81,16 +80,16 @@ def library(tmp_path_factory) -> ctypes.CDLL:
 
 def predict(library: ctypes.CDLL, blob: bytes, inputs: dict[str, NDArray]) -> dict[str, NDArray]:
     """Outputs of the runtime by the names of `aminn_debug.onnx`."""
-    rows = np.ascontiguousarray(pack(inputs, INPUT_SHAPES, "<f4"))
+    rows = np.ascontiguousarray(pack(inputs, DIMS.inputs, "<f4"))
     n = len(rows)
     out, debug = np.zeros((n, 46), np.float32), np.zeros((n, 2, N_DEBUG), np.float32)
     floats = ctypes.POINTER(ctypes.c_float)
     pointers = [a.ctypes.data_as(floats) for a in (rows, out, debug)]
     library.shim_predict.argtypes = [ctypes.c_char_p, ctypes.c_size_t, floats, floats, floats, ctypes.c_int]
     assert library.shim_predict(blob, len(blob), *pointers, n) == 0
-    named = unpack(out, OUTPUT_SHAPES)
+    named = unpack(out, DIMS.outputs)
     for i, stage in enumerate(("s1_", "s2_")):
-        named |= {stage + name: value for name, value in unpack(debug[:, i], DEBUG_SHAPES).items()}
+        named |= {stage + name: value for name, value in unpack(debug[:, i], DIMS.debug).items()}
     return named
 
 

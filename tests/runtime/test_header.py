@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from aminn.hand import dims
 from aminn_export.files import layout
+from aminn_hand.hand import N_CONTACT_FEATURE, N_WRENCH
 from aminn_sim.hand_file import default_hand_file
 from aminn_sim.understand import understand
 
@@ -14,6 +14,7 @@ INCLUDE = Path(__file__).resolve().parents[2] / "runtime" / "include"
 HEADER = (INCLUDE / "aminn_rt.h").read_text()
 HAND = (INCLUDE / "aminn_hand.h").read_text()
 REFERENCE_HAND = understand(default_hand_file()).hand
+DIMS = REFERENCE_HAND.dims
 
 
 def macro(name: str) -> int:
@@ -24,26 +25,26 @@ def macro(name: str) -> int:
 
 
 def test_dimensions() -> None:
-    assert macro("AMINN_N_BRANCH") == dims.N_BRANCH
-    assert macro("AMINN_N_COORD") == dims.N_COORD
-    assert macro("AMINN_N_JOINT") == dims.N_JOINT
-    assert macro("AMINN_N_CONTACT_FEATURE") == dims.N_CONTACT_FEATURE
-    assert macro("AMINN_N_WRENCH") == dims.N_WRENCH
-    assert macro("AMINN_N_GATED") == REFERENCE_HAND.dims.gates
+    assert macro("AMINN_N_BRANCH") == DIMS.branches
+    assert macro("AMINN_N_COORD") == DIMS.coordinates
+    assert macro("AMINN_N_JOINT") == DIMS.joints
+    assert macro("AMINN_N_CONTACT_FEATURE") == N_CONTACT_FEATURE
+    assert macro("AMINN_N_WRENCH") == N_WRENCH
+    assert macro("AMINN_N_GATED") == DIMS.gates
     assert f'#define AMINN_HAND_NAME "{REFERENCE_HAND.name}"' in HAND
 
 
 def test_network_dimensions() -> None:
-    assert macro("AMINN_N_CONTACT_INPUT") == dims.N_CONTACT_INPUT
-    assert macro("AMINN_N_GLOBAL_INPUT") == dims.N_GLOBAL_INPUT
-    assert macro("AMINN_N_HEAD") == dims.N_HEAD
-    assert macro("AMINN_N_HEAD_STORED") == layout.head_stored(REFERENCE_HAND.dims)
-    assert macro("AMINN_N_AUX") == dims.N_AUX
-    assert macro("AMINN_N_CHOLESKY") == REFERENCE_HAND.dims.cholesky
-    assert macro("AMINN_N_BRANCH_HEAD") == REFERENCE_HAND.dims.branch_head
-    assert macro("AMINN_N_STATE") == REFERENCE_HAND.dims.state
-    assert macro("AMINN_N_INPUT") == REFERENCE_HAND.dims.input
-    assert macro("AMINN_N_OUTPUT") == REFERENCE_HAND.dims.output
+    assert macro("AMINN_N_CONTACT_INPUT") == DIMS.contact_input
+    assert macro("AMINN_N_GLOBAL_INPUT") == DIMS.global_input
+    assert macro("AMINN_N_HEAD") == DIMS.head
+    assert macro("AMINN_N_HEAD_STORED") == layout.head_stored(DIMS)
+    assert macro("AMINN_N_AUX") == DIMS.aux
+    assert macro("AMINN_N_CHOLESKY") == DIMS.cholesky
+    assert macro("AMINN_N_BRANCH_HEAD") == DIMS.branch_head
+    assert macro("AMINN_N_STATE") == DIMS.state
+    assert macro("AMINN_N_INPUT") == DIMS.input
+    assert macro("AMINN_N_OUTPUT") == DIMS.output
     assert macro("AMINN_FORMAT_VERSION") == layout.FORMAT_VERSION
 
 
@@ -53,12 +54,12 @@ def test_dq0_codes() -> None:
 
 def test_input_struct_is_the_vector_row() -> None:
     body = HEADER[HEADER.index("typedef struct aminn_input") : HEADER.index("} aminn_input_t;")]
-    assert re.findall(r"float (\w+)\[", body) == list(dims.INPUT_SHAPES)
+    assert re.findall(r"float (\w+)\[", body) == list(DIMS.inputs)
 
 
 def test_debug_struct_has_the_debug_models_names() -> None:
     body = HEADER[HEADER.index("typedef struct aminn_stage_debug") : HEADER.index("} aminn_stage_debug_t;")]
-    assert re.findall(r"float (\w+)\[", body) == list(dims.DEBUG_SHAPES)
+    assert re.findall(r"float (\w+)\[", body) == list(DIMS.debug)
 
 
 def test_the_headers_example_is_the_one_that_is_tested() -> None:
