@@ -146,7 +146,6 @@ def random_model(hand: Hand, seed: int = 0) -> Model:
     eps_m = [[branch.eps_m * factor for branch in hand.branches] for factor in (1.0, 0.8)]
     tensors |= {f"{stage}.eps_m": np.array(values) for stage, values in zip(STAGES, eps_m, strict=True)}
     tensors = {name: np.asarray(value, np.float32) for name, value in tensors.items()}
-    tensors["joint_of"] = np.array(hand.coordinate_joints).astype(np.uint8)  # -1 becomes 255
     meta = {
         "format_version": 1,
         "contact_width": hc,
