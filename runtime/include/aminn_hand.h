@@ -12,6 +12,7 @@
 #define AMINN_N_COORD 3  /* coordinates of the longest branch, 1 .. 5; a shorter one lacks those next to the palm */
 #define AMINN_N_JOINT 8  /* joints of the hand: coordinates that branches have */
 #define AMINN_N_GATED 3  /* branches with a gated tendon; 0: the hand has no gates, its models none of their numbers */
+#define AMINN_N_TWIST 0  /* branches with a soft fingertip, which resists twisting about its normal: all or none */
 
 /* Names of the joints in the order of q, for aminn_field_name(). */
 #define AMINN_JOINT_NAMES(X) \

@@ -144,8 +144,11 @@ typedef char aminn_compile_without_fpack_struct[sizeof(struct aminn_layout) == 2
 
 /* ---- Dimensions ------------------------------------------------------------------------------------------------ */
 
-/* AMINN_N_BRANCH, AMINN_N_COORD, AMINN_N_JOINT and AMINN_N_GATED are the hand's (aminn_hand.h). In comments B, C and J
- * stand for the first three. */
+/* AMINN_N_BRANCH, AMINN_N_COORD, AMINN_N_JOINT, AMINN_N_GATED and AMINN_N_TWIST are the hand's (aminn_hand.h). In comments B,
+ * C and J stand for the first three. */
+#ifndef AMINN_N_TWIST
+#define AMINN_N_TWIST 0 /* contacts are points: none resists twisting */
+#endif
 #define AMINN_N_CONTACT_FEATURE 8 /* in contact, position 3, normal 3, normal force */
 #define AMINN_N_WRENCH 6          /* force 3, moment 3; also position 3, rotation vector 3 */
 #define AMINN_N_STAGE 2           /* stage 1: does it hold? stage 2: how far does it move? */
@@ -153,13 +156,15 @@ typedef char aminn_compile_without_fpack_struct[sizeof(struct aminn_layout) == 2
 /* Derived from the above; behind each what it is for the reference hand. A branch's joint springs are a packed Cholesky
  * factor. The mechanics head corrects it, and where the hand has gates also the tendons: direction, gain, alpha, beta, rho.
  * Rows of the head's weights end with zeros, so that 8 weights that are loaded together lie in one line of a processor's
- * cache. In a row the numbers of all branches stand side by side, in this order: diagonal C, gain, alpha, entries below the
- * diagonal C (C - 1) / 2, direction C, beta, rho; without gates: diagonal, entries below it. */
-#define AMINN_N_CHOLESKY (AMINN_N_COORD * (AMINN_N_COORD + 1) / 2)                                    /* 6 */
-#define AMINN_N_BRANCH_FEATURE (AMINN_N_CONTACT_FEATURE + 3 * AMINN_N_COORD)                          /* 17 */
-#define AMINN_N_CONTACT_INPUT (AMINN_N_BRANCH * AMINN_N_BRANCH_FEATURE)                               /* 51 */
-#define AMINN_N_GLOBAL_INPUT (AMINN_N_JOINT + 3 * AMINN_N_WRENCH)                                     /* 26 */
-#define AMINN_N_BRANCH_HEAD (AMINN_N_CHOLESKY + (AMINN_N_GATED > 0) * (AMINN_N_COORD + 4))            /* 13 */
+ * cache. In a row the numbers of all branches stand side by side, in this order: diagonal C, gain, alpha, twist, entries below
+ * the diagonal C (C - 1) / 2, direction C, beta, rho; without gates: diagonal, twist, entries below it. Only soft fingertips
+ * have a twist, what they resist of it about the normal of their contact. */
+#define AMINN_N_CHOLESKY (AMINN_N_COORD * (AMINN_N_COORD + 1) / 2)           /* 6 */
+#define AMINN_N_BRANCH_FEATURE (AMINN_N_CONTACT_FEATURE + 3 * AMINN_N_COORD) /* 17 */
+#define AMINN_N_CONTACT_INPUT (AMINN_N_BRANCH * AMINN_N_BRANCH_FEATURE)      /* 51 */
+#define AMINN_N_GLOBAL_INPUT (AMINN_N_JOINT + 3 * AMINN_N_WRENCH)            /* 26 */
+#define AMINN_N_BRANCH_HEAD \
+    (AMINN_N_CHOLESKY + (AMINN_N_GATED > 0) * (AMINN_N_COORD + 4) + (AMINN_N_TWIST > 0))              /* 13 */
 #define AMINN_N_HEAD (AMINN_N_BRANCH * AMINN_N_BRANCH_HEAD)                                           /* 39 */
 #define AMINN_N_HEAD_STORED ((AMINN_N_HEAD + 7) / 8 * 8)                                              /* 40 */
 #define AMINN_N_AUX (2 * AMINN_N_WRENCH + (AMINN_N_GATED > 0) * AMINN_N_BRANCH)                       /* 15 */
@@ -170,9 +175,10 @@ typedef char aminn_compile_without_fpack_struct[sizeof(struct aminn_layout) == 2
 /* The hand that the library is compiled for, as a symbol whose name tells the counts: a C model asks for that of its hand,
  * and where the library is compiled for another the linker says which one is missing. Two libraries in one program define the
  * same functions. */
-#define AMINN_JOINED(b, c, j, g) aminn_library_of_##b##_branches_##c##_coordinates_##j##_joints_##g##_gated
-#define AMINN_LIBRARY_OF(b, c, j, g) AMINN_JOINED(b, c, j, g)
-#define AMINN_LIBRARY AMINN_LIBRARY_OF(AMINN_N_BRANCH, AMINN_N_COORD, AMINN_N_JOINT, AMINN_N_GATED)
+#define AMINN_JOINED(b, c, j, g, t) \
+    aminn_library_of_##b##_branches_##c##_coordinates_##j##_joints_##g##_gated_##t##_twisted
+#define AMINN_LIBRARY_OF(b, c, j, g, t) AMINN_JOINED(b, c, j, g, t)
+#define AMINN_LIBRARY AMINN_LIBRARY_OF(AMINN_N_BRANCH, AMINN_N_COORD, AMINN_N_JOINT, AMINN_N_GATED, AMINN_N_TWIST)
 extern const char AMINN_LIBRARY[];
 
 /* Largest contact_width, width and classifier_width that a context has room for. Define it before the library and its
@@ -273,6 +279,7 @@ typedef struct aminn_model {
     float tau;                     /* the grasp holds if p_stable >= tau, 0 .. 1 */
     uint8_t checkpoint_sha256[32]; /* which model: SHA-256 of the checkpoint it was exported from */
     uint8_t data_sha256[32];       /* trained on which data set: config_sha256 of its manifest; zeros: not known */
+    uint32_t n_twist;              /* AMINN_N_TWIST */
     const char *name;              /* given at export, else the symbol prefix; at most 55 characters, as hand */
     const char *hand;              /* name of the hand, and 8 digits of its constants' SHA-256 */
     const char *made_by;           /* program and version that exported it, "aminn 0.1.0"; at most 39 characters */
@@ -282,6 +289,7 @@ typedef struct aminn_model {
     const float *tendon_dir_nom;   /* (B x C)         nominal tendon direction; null without gates, as the next two */
     const float *tendon_gain_nom;  /* (B)             N.m/rad, >= 0; 0: the branch has no gated tendon */
     const float *gate_nom;         /* (3)             alpha 1/rad, beta rad, rho */
+    const float *twist_nom;        /* (B)             N.m/rad, > 0: of soft fingertips; null without */
     const float *coord_mask;       /* (B x C)         1 where a branch has the coordinate, else 0: it lacks the first */
     const float *geom_axis;        /* (B x C x 3)     unit, H: joint axes at q = 0; zeros where absent */
     const float *geom_anchor;      /* (B x C x 3)     m, H: a point on each axis at q = 0; zeros where absent */

@@ -35,7 +35,7 @@ struct Header {
     uint8_t data_sha256[32];
     float eps_kx[AMINN_N_STAGE];
     float eps_jq[AMINN_N_STAGE];
-    uint32_t reserved; // 0
+    uint32_t n_twist;
     char name[56];
     char hand[56];
     char made_by[40];
@@ -75,6 +75,7 @@ void copy_constants(const Header &h, aminn_model_t &m)
 {
     m.format_version = h.format_version;
     std::memcpy(&m.content_crc, &h.content_crc, kSameBytes);
+    m.n_twist = h.n_twist;
     for (int i = 0; i < AMINN_N_STAGE; ++i) {
         m.stage[i].eps_kx = h.eps_kx[i];
         m.stage[i].eps_jq = h.eps_jq[i];
@@ -134,7 +135,7 @@ aminn_status_t load(const uint8_t *bytes, size_t len, aminn_model_t &m)
     if (!placed) {
         return AMINN_E_SIZE;
     }
-    return named && header.reserved == 0 ? checked : AMINN_E_MODEL;
+    return named ? checked : AMINN_E_MODEL;
 }
 
 } // namespace

@@ -25,8 +25,10 @@
 #if (defined(__SSE2__) || (defined(__ARM_NEON) && defined(__aarch64__))) && !defined(AMINN_RT_SCALAR)
 #define AMINN_LANES 1
 #define AMINN_FUNCTION AMINN_INLINE
-// each step has its own code: 15 rows of the reference hand, 21 of the largest
-#if AMINN_N_BRANCH > 3
+// each step has its own code: 15 rows of the reference hand, 21 of the largest, 26 where its fingertips are soft
+#if AMINN_N_BRANCH > 4 && AMINN_N_TWIST > 0
+#define AMINN_UNROLL_ROWS _Pragma("GCC unroll 28")
+#elif AMINN_N_BRANCH > 3 || AMINN_N_TWIST > 0
 #define AMINN_UNROLL_ROWS _Pragma("GCC unroll 24")
 #else
 #define AMINN_UNROLL_ROWS _Pragma("GCC unroll 16")
@@ -51,6 +53,7 @@ constexpr int kCoord = AMINN_N_COORD;
 constexpr int kBelow = kCoord * (kCoord - 1) / 2; // entries of a branch's Cholesky factor below its diagonal
 constexpr bool kGated = AMINN_N_GATED > 0;
 constexpr bool kSomeLack = kGated && AMINN_N_GATED < kBranch; // a gated tendon: their nominal gain is zero
+constexpr bool kTwisted = AMINN_N_TWIST > 0;                  // fingertips resist twisting
 constexpr int kMotion = AMINN_N_WRENCH;
 constexpr int kContacts = AMINN_N_JOINT + 2 * AMINN_N_WRENCH; // numbers before them in aminn_state_t: q, x_ht, w_e
 
@@ -59,8 +62,10 @@ static_assert(kBranch >= 2 && kBranch <= 5, "a hand has 2 to 5 branches: AMINN_N
 static_assert(kCoord >= 1 && kCoord <= 5, "a branch has 1 to 5 coordinates: AMINN_N_COORD");
 static_assert(AMINN_N_JOINT >= kCoord + kBranch - 1 && AMINN_N_JOINT <= kBranch * kCoord,
               "the longest branch has AMINN_N_COORD joints, and every other one to as many: AMINN_N_JOINT");
-static_assert(3 * kBranch + kMotion <= 24 && 3 * 3 + kMotion <= 16, "as many rows as AMINN_UNROLL_ROWS unrolls");
+static_assert(4 * kBranch + kMotion <= 28 && 4 * 4 + kMotion <= 24 && 3 * 3 + kMotion <= 16,
+              "as many rows as AMINN_UNROLL_ROWS unrolls");
 static_assert(AMINN_N_GATED >= 0 && AMINN_N_GATED <= kBranch, "a branch has one gated tendon at most: AMINN_N_GATED");
+static_assert(AMINN_N_TWIST == 0 || AMINN_N_TWIST == kBranch, "all fingertips resist twisting, or none: AMINN_N_TWIST");
 static_assert(offsetof(aminn_state_t, contacts) == kContacts * sizeof(float), "aminn_state_t has no gaps");
 } // namespace aminn
 

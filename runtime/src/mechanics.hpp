@@ -28,6 +28,8 @@
 // A hand without tendons has neither d nor H, and no pass 2: its motion is that of pass 1. A branch without one adds nothing
 // to any sum: its d is zero.
 //
+// A soft fingertip also resists twisting about the contact's normal n. That is a row (0, n) more among the tool's, of weight c_b k_b.
+//
 // All on lengths divided by length_scale (S = diag(1, 1, 1, 1/L, 1/L, 1/L)).
 #ifndef AMINN_SRC_MECHANICS_HPP
 #define AMINN_SRC_MECHANICS_HPP
@@ -55,6 +57,7 @@ struct StaticsSummary {
 enum Wanted : unsigned { kWantStiffness = 1, kWantDeflection = 2 }; // of k_x and dq0, which nothing else depends on
 
 constexpr int kStacked = 3 * kBranch;
+constexpr int kHeld = kTwisted ? kStacked + kBranch : kStacked; // rows of the tool above the identity
 constexpr int kTendons = kGated ? kBranch : 0;
 constexpr int kStiffness = kMotion + kTendons; // rows of the factor U, and m of the tendons
 constexpr float kSlack = 1e30F; // compliance of a tendon that does not engage at all, which nothing can show
@@ -72,11 +75,11 @@ struct Contact {
 // The grasp with springs alone, and its tendons.
 struct Grasp {
     Contact contact[kGroups];
-    Row rows[kStacked + kMotion];     // V, then Q; U^-1 below
-    float weight[kStacked + kMotion]; // of the rows
-    Row stiffness[kStiffness];        // U; m of the tendons
-    float d[kStiffness];              // D; gamma
-    float inv_d[kStiffness];          // D^-1; 1 / gamma
+    Row rows[kHeld + kMotion];     // V, then Q; U^-1 below
+    float weight[kHeld + kMotion]; // of the rows
+    Row stiffness[kStiffness];     // U; m of the tendons
+    float d[kStiffness];           // D; gamma
+    float inv_d[kStiffness];       // D^-1; 1 / gamma
 };
 
 // The first columns of rows with an identity as wide below, which this writes: rows becomes Q, and D and U come out.
@@ -191,17 +194,27 @@ static void factor_grasp(const Branches *springs, const aminn_input_t &in, const
             combine_branches(grasp.stiffness + kMotion + b, v, grasp.contact[g].t, g);
         }
     }
-    for (int i = 0; i < kMotion; ++i) {
-        grasp.weight[kStacked + i] = (stage.eps_kx * scene.scale[i]) * scene.scale[i];
+    if constexpr (kTwisted) {
+        for (int b = 0; b < kBranch; ++b) {
+            const float *contact = in.contacts[b];
+            const float *scale = scene.scale + 3;
+            const float about[kMotion] = {
+                0.0F, 0.0F, 0.0F, contact[4] * scale[0], contact[5] * scale[1], contact[6] * scale[2]};
+            load_row(grasp.rows[kStacked + b], about);
+            grasp.weight[kStacked + b] = contact[0] * of_branch(springs, kTwist, b);
+        }
     }
-    orthogonalise(grasp.rows, kStacked, kMotion, grasp.weight, grasp.stiffness, grasp.d, grasp.inv_d);
+    for (int i = 0; i < kMotion; ++i) {
+        grasp.weight[kHeld + i] = (stage.eps_kx * scene.scale[i]) * scene.scale[i];
+    }
+    orthogonalise(grasp.rows, kHeld, kMotion, grasp.weight, grasp.stiffness, grasp.d, grasp.inv_d);
 }
 
 // U^-1 z, scaled and in SI
 AMINN_FUNCTION void displacement(const Grasp &grasp, const Row &z, const float to_si[kMotion], float x_s[kMotion],
                                  float dx[kMotion])
 {
-    dots(grasp.rows + kStacked, kMotion, z, x_s);
+    dots(grasp.rows + kHeld, kMotion, z, x_s);
     for (int i = 0; i < kMotion; ++i) {
         dx[i] = to_si[i] * x_s[i];
     }
@@ -324,7 +337,7 @@ static void two_pass(const aminn_model_t &model, const aminn_stage_model_t &stag
     // pass 1: springs alone
     Grasp grasp;
     factor_grasp(springs, in, scene, stage, grasp);
-    const Row *inverse = grasp.rows + kStacked;
+    const Row *inverse = grasp.rows + kHeld;
     Row inv_d;
     load_row(inv_d, grasp.inv_d);
     Row y;

@@ -14,7 +14,8 @@ bool dims_ok(const aminn_model_t &m)
 {
     return m.n_branch == AMINN_N_BRANCH && m.n_coord == AMINN_N_COORD && m.n_joint == AMINN_N_JOINT &&
            m.n_contact_feature == AMINN_N_CONTACT_FEATURE && m.n_wrench == AMINN_N_WRENCH &&
-           m.n_gated == AMINN_N_GATED && width_ok(m.contact_width) && width_ok(m.width) && width_ok(m.classifier_width);
+           m.n_gated == AMINN_N_GATED && m.n_twist == AMINN_N_TWIST && width_ok(m.contact_width) && width_ok(m.width) &&
+           width_ok(m.classifier_width);
 }
 
 // The top bit is set if one of these finite numbers is not above zero.
@@ -78,6 +79,9 @@ bool tables_in_range(const aminn_model_t &m)
 {
     uint32_t signs = signs_of(m.wrench_log_scale, AMINN_N_WRENCH) | signs_of(m.stage[0].eps_m, AMINN_N_BRANCH) |
                      signs_of(m.stage[1].eps_m, AMINN_N_BRANCH);
+    if constexpr (kTwisted) {
+        signs |= signs_of(m.twist_nom, AMINN_N_BRANCH);
+    }
     if constexpr (kGated && !kSomeLack) {
         signs |= signs_of(m.tendon_gain_nom, AMINN_N_BRANCH);
     }

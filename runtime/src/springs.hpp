@@ -8,12 +8,14 @@ namespace aminn {
 inline namespace AMINN_CORE {
 
 // The head's outputs, in this order, each for all branches. What tanh bounds stands first, what exp of that makes a factor
-// before the rest of it: so both run over whole arrays. A hand without gates has the Cholesky factor alone.
+// before the rest of it: so both run over whole arrays. Without gates and soft
+// fingertips there is the Cholesky factor alone.
 enum Head {
-    kDiag = 0,      // C: the Cholesky factor's diagonal
-    kGain = kCoord, // the tendon's
-    kAlpha,         // the gate's
-    kFactors = kGated ? kAlpha + 1 : kCoord,
+    kDiag = 0,                             // C: the Cholesky factor's diagonal
+    kGain = kCoord,                        // the tendon's
+    kAlpha,                                // the gate's
+    kTwist = kGated ? kAlpha + 1 : kCoord, // of a soft fingertip: how much it resists twisting about the normal
+    kFactors = kTwisted ? kTwist + 1 : kTwist,
     kOff = kFactors, // below the diagonal, row by row: 10, 20, 21, 30 ..
     kBounded = kOff + kBelow,
     kDir = kBounded, // C: direction of the tendon
@@ -88,6 +90,9 @@ static void springs_from_head(const aminn_model_t &model, float *head, Branches 
                 ++row;
             }
         }
+        if constexpr (kTwisted) { // within exp(+-2 log_range)
+            springs[at(kTwist, g)] = gather(model.twist_nom + b, 1, n) * (scaling(kTwist) * scaling(kTwist));
+        }
         if constexpr (kGated) {
             const Branches gain = gather(model.tendon_gain_nom + b, 1, n);
             Branches inv_norm = 1.0F / root(dot_of<kCoord>(direction, direction) + 1e-12F);
@@ -158,6 +163,9 @@ static void store_springs(const Branches *springs, aminn_stage_debug_t &out)
     static constexpr Places kPlaces = all_places();
     float *first = reinterpret_cast<float *>(&out);
     for (int output = 0; output < kEnd; ++output) {
+        if (kTwisted && output == kTwist) { // it is not shown
+            continue;
+        }
         for (int b = 0; b < kBranch; ++b) {
             first[kPlaces.of[output].first + b * kPlaces.of[output].stride] = of_branch(springs, output, b);
         }

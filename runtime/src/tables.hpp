@@ -62,6 +62,9 @@ inline constexpr TableInfo kTables[] = {
     AMINN_TABLE(tendon_gain_nom, AMINN_N_BRANCH, 1, kFloats),
     AMINN_TABLE(gate_nom, 3, 1, kFloats),
 #endif
+#if AMINN_N_TWIST > 0
+    AMINN_TABLE(twist_nom, AMINN_N_BRANCH, 1, kFloats),
+#endif
     AMINN_TABLE(coord_mask, AMINN_N_BRANCH, AMINN_N_COORD, kFloats),
     AMINN_TABLE(geom_axis, AMINN_N_BRANCH, AMINN_N_COORD * 3, kFloats),
     AMINN_TABLE(geom_anchor, AMINN_N_BRANCH, AMINN_N_COORD * 3, kFloats),

@@ -48,7 +48,7 @@ void put_header(Bytes &bytes, const aminn_model_t &m)
     for (float v : {m.stage[0].eps_kx, m.stage[1].eps_kx, m.stage[0].eps_jq, m.stage[1].eps_jq}) {
         put(bytes, v);
     }
-    put(bytes, 0u); // reserved
+    put(bytes, AMINN_N_TWIST);
     put_name(bytes, m.name, 56);
     put_name(bytes, m.hand, 56);
     put_name(bytes, m.made_by, 40);

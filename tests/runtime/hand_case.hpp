@@ -13,7 +13,9 @@ constexpr int B = AMINN_N_BRANCH, C = AMINN_N_COORD, G = AMINN_N_GATED;
 constexpr int kPacked = AMINN_N_CHOLESKY, kContactWidth = 9, kWidth = 16, kClassifier = 7;
 constexpr int kTrunkInput = kContactWidth + AMINN_N_GLOBAL_INPUT, kClassifierInput = kWidth + AMINN_N_AUX;
 /* where a tendon's numbers stand in the head, in rows of B (aminn_rt.h has the order) */
-constexpr int kGainRow = C, kAlphaRow = C + 1, kDirectionRow = C + 2 + C * (C - 1) / 2, kBetaRow = kDirectionRow + C;
+constexpr bool kSoft = AMINN_N_TWIST > 0;
+constexpr int kGainRow = C, kAlphaRow = C + 1, kTwistRow = G > 0 ? C + 2 : C, kOffRow = kTwistRow + (kSoft ? 1 : 0);
+constexpr int kDirectionRow = kOffRow + C * (C - 1) / 2, kBetaRow = kDirectionRow + C;
 constexpr int kRhoRow = kBetaRow + 1;
 
 class Random {
@@ -49,7 +51,7 @@ struct StageTables {
 
 struct Tables {
     float wrench_log_scale[AMINN_N_WRENCH], chol_nom[B * kPacked], tendon_dir_nom[B * C], tendon_gain_nom[B],
-        gate_nom[3];
+        gate_nom[3], twist_nom[B];
     float coord_mask[B * C], aux_mean[AMINN_N_AUX], aux_inv_std[AMINN_N_AUX];
     float cls1_w[kClassifierInput * kClassifier], cls1_b[kClassifier], cls2_w[kClassifier], cls2_b[1];
     StageTables stage[AMINN_N_STAGE];
@@ -147,6 +149,10 @@ inline void make_model(Tables &t, aminn_model_t &m)
     m.tendon_dir_nom = t.tendon_dir_nom;
     m.tendon_gain_nom = t.tendon_gain_nom;
     m.gate_nom = t.gate_nom;
+    for (int b = 0; b < B; ++b) {
+        t.twist_nom[b] = 0.05F * static_cast<float>(1 + b);
+    }
+    m.twist_nom = t.twist_nom;
     m.coord_mask = t.coord_mask;
     m.aux_mean = t.aux_mean;
     m.aux_inv_std = t.aux_inv_std;

@@ -16,7 +16,7 @@ using Vector6 = double[W];
 using Matrix6 = double[W][W];
 
 struct Stage {
-    double k_spring[B][C][C], direction[B][C], gain[B], gate_params[B][3], gate[B];
+    double k_spring[B][C][C], direction[B][C], gain[B], gate_params[B][3], gate[B], twist[B];
     double dx0[W], dx[W], dq0[B][C], k_x[W][W];
 };
 
@@ -102,8 +102,8 @@ inline void contact_compliance(const double (&k)[C][C], const float (&j_q)[3][C]
 }
 
 /* K_x in SI, and the load's displacement */
-inline void statics(const aminn_stage_model_t &s, const aminn_input_t &in, const double (&k)[B][C][C], Matrix6 &k_x,
-                    Vector6 &dx)
+inline void statics(const aminn_stage_model_t &s, const aminn_input_t &in, const double (&k)[B][C][C],
+                    const double (&twist)[B], Matrix6 &k_x, Vector6 &dx)
 {
     for (int i = 0; i < W; ++i) {
         for (int j = 0; j < W; ++j) {
@@ -123,6 +123,15 @@ inline void statics(const aminn_stage_model_t &s, const aminn_input_t &in, const
                 for (int r = 0; r < 3; ++r) {
                     k_x[i][j] += static_cast<double>(in.contacts[b][0]) * static_cast<double>(in.j_x[b][r][i]) * x[r];
                 }
+            }
+        }
+    }
+    for (int b = 0; b < B; ++b) { // about the normals
+        const float *contact = in.contacts[b];
+        for (int i = 0; i < 3; ++i) {
+            for (int j = 0; j < 3; ++j) {
+                const double square = static_cast<double>(contact[4 + i]) * static_cast<double>(contact[4 + j]);
+                k_x[3 + i][3 + j] += static_cast<double>(contact[0]) * twist[b] * square;
             }
         }
     }
@@ -172,7 +181,6 @@ inline void deflection(const aminn_model_t &model, const aminn_stage_model_t &s,
 /* springs, tendons and gates from the head's numbers, which stand in rows of B */
 inline void head_to_springs(const aminn_model_t &model, const double *head, Stage &stage)
 {
-    constexpr int kOffRow = G > 0 ? C + 2 : C;
     const double range = static_cast<double>(model.log_range);
     for (int b = 0; b < B; ++b) {
         const auto raw = [&](int row) { return head[row * B + b]; };
@@ -196,6 +204,8 @@ inline void head_to_springs(const aminn_model_t &model, const double *head, Stag
                 }
             }
         }
+        stage.twist[b] =
+            kSoft ? static_cast<double>(model.twist_nom[b]) * std::exp(2.0 * range * std::tanh(raw(kTwistRow))) : 0.0;
         if (G == 0) {
             continue;
         }
@@ -219,7 +229,7 @@ inline void head_to_springs(const aminn_model_t &model, const double *head, Stag
 
 inline void two_pass(const aminn_model_t &model, const aminn_stage_model_t &s, const aminn_input_t &in, Stage &stage)
 {
-    statics(s, in, stage.k_spring, stage.k_x, stage.dx0);
+    statics(s, in, stage.k_spring, stage.twist, stage.k_x, stage.dx0);
     double k[B][C][C];
     std::memcpy(k, stage.k_spring, sizeof k);
     for (int b = 0; b < B; ++b) {
@@ -239,7 +249,7 @@ inline void two_pass(const aminn_model_t &model, const aminn_stage_model_t &s, c
             }
         }
     }
-    statics(s, in, k, stage.k_x, stage.dx);
+    statics(s, in, k, stage.twist, stage.k_x, stage.dx);
 }
 
 inline double log_by_size(double w, double scale)

@@ -159,7 +159,7 @@ static void damage_anywhere_is_found(void)
 /* a blob with a right CRC but a content that this runtime cannot use */
 static void a_sealed_blob_is_checked_too(void)
 {
-    enum { OFFSET_N_BRANCH = 20, OFFSET_WIDTH = 48, OFFSET_DQ0 = 56, OFFSET_EPS_KX = 148, OFFSET_RESERVED = 164 };
+    enum { OFFSET_N_BRANCH = 20, OFFSET_WIDTH = 48, OFFSET_DQ0 = 56, OFFSET_EPS_KX = 148, OFFSET_TWIST = 164 };
     const uint32_t nan_bits = 0x7FC00000u;
     size_t dim;
     for (dim = 0; dim < 6; ++dim) {
@@ -188,10 +188,10 @@ static void a_sealed_blob_is_checked_too(void)
     seal();
     assert_refused(AMINN_E_MODEL, blob, size);
     memcpy(blob + OFFSET_EPS_KX, &aminn_model.stage[0].eps_kx, sizeof(float));
-    put_u32(OFFSET_RESERVED, 1);
+    put_u32(OFFSET_TWIST, 1);
     seal();
-    assert_refused(AMINN_E_MODEL, blob, size);
-    put_u32(OFFSET_RESERVED, 0);
+    assert_refused(AMINN_E_DIMS, blob, size);
+    put_u32(OFFSET_TWIST, 0);
     put_u32(size - ANSWER_SIZE - TABLE_ALIGNMENT, nan_bits); /* this table has one number */
     seal();
     assert_refused(AMINN_E_MODEL, blob, size);

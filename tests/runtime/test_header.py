@@ -19,7 +19,8 @@ DIMS = REFERENCE_HAND.dims
 
 def macro(name: str) -> int:
     """Value of a macro of the headers, with the macros in it replaced."""
-    text = re.search(rf"#define {name} (.+?)(?: */\*.*)?$", HAND + HEADER, re.MULTILINE).group(1)
+    lines = (HAND + HEADER).replace("\\\n", "")
+    text = re.search(rf"#define {name} (.+?)(?: */\*.*)?$", lines, re.MULTILINE).group(1)
     text = re.sub(r"AMINN_\w+", lambda m: str(macro(m.group(0))), text)
     return int(eval(text.rstrip("u").replace("/", "//"), {"__builtins__": {}}))
 

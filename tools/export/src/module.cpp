@@ -103,7 +103,7 @@ NB_MODULE(_runtime, m)
 {
     m.doc() = "The C runtime: predictions from a binary model, bit by bit those of every other build of it.";
     m.attr("hand") = nb::make_tuple(AMINN_N_BRANCH, AMINN_N_COORD, AMINN_N_JOINT, AMINN_N_CONTACT_FEATURE,
-                                    AMINN_N_WRENCH, AMINN_N_GATED); // as a model states them
+                                    AMINN_N_WRENCH, AMINN_N_GATED, AMINN_N_TWIST); // as a model states them
     m.def("run", &run, nb::arg("blob"), nb::arg("numbers"),
           "Predict with both stages from rows of float32: those of aminn_state_t or aminn_input_t. Returns\n"
           "(outputs (n, .) uint32, stages (n, .) uint32, status (n, 1) int32): the words of aminn_output_t and of\n"

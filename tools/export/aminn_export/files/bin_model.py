@@ -30,10 +30,10 @@ from .layout import (
     tensor_name,
     tensor_order,
 )
-from .packing import BODY, HEAD, MAGIC, content_crc, header_dims, output_words, pack, room
+from .packing import BODY, HEAD, MAGIC, content_crc, header_dims, output_words, pack, room, twisted
 from .tables import STAGES, Exported, branch_joints, dims_of, shortest
 
-_RESERVED = 23  # of BODY's fields
+_TWIST = 23  # of BODY's fields: how many fingertips resist twisting
 
 
 @dataclass(frozen=True)
@@ -74,13 +74,14 @@ def _check(blob: bytes, path: Path) -> None:
         raise AminnError(f"{path}: damaged: its CRC-32 does not match")
 
 
-def _dims(found: tuple[int, ...], path: Path) -> Dims:
+def _dims(found: tuple[int, ...], twist: int, path: Path) -> Dims:
     """The counts of the hand that a header states. Raises AminnError for those of none."""
     branches, coordinates, joints, _, _, gates = found
-    dims = Dims(branches, coordinates, joints, gates, gates)
+    dims = Dims(branches, coordinates, joints, gates, gates, twist > 0)
     inside = MIN_BRANCHES <= branches <= MAX_BRANCHES and 1 <= coordinates <= MAX_COORDINATES and gates <= branches
+    inside = inside and twist == twisted(dims)
     if not inside or not branches <= joints <= branches * coordinates or found != tuple(header_dims(dims).values()):
-        raise AminnError(f"{path}: dimensions {found} are those of no hand")
+        raise AminnError(f"{path}: dimensions {(*found, twist)} are those of no hand")
     return dims
 
 
@@ -90,11 +91,9 @@ def read_bin_model(path: AnyPath) -> BinModel:
     blob = path.read_bytes()
     _check(blob, path)
     fields = BODY.unpack_from(blob, HEAD.size)
-    dims = _dims(fields[1:7], path)
+    dims = _dims(fields[1:7], fields[_TWIST], path)
     hc, h, hd, dq0, weights = fields[7:12]
     names = {code: name for name, code in DQ0_CODES.items()}, {code: name for name, code in WEIGHT_CODES.items()}
-    if fields[_RESERVED]:
-        raise AminnError(f"{path}: damaged: the word behind its constants is {fields[_RESERVED]}, expected 0")
     if dq0 not in names[0] or weights not in names[1]:
         raise AminnError(f"{path}: dq0 {dq0} or weights {weights} is not what this program knows")
     tables = [

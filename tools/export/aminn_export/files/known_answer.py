@@ -18,7 +18,7 @@ from aminn_base.errors import AminnError
 from aminn_hand.hand import N_WRENCH, Dims
 
 from .layout import Layout, layout_of
-from .packing import KnownAnswer, header_dims, output_words, pack
+from .packing import KnownAnswer, header_dims, output_words, pack, twisted
 from .ranges import STATE_FIELDS
 from .tables import Exported, dims_of
 
@@ -46,7 +46,7 @@ def runtime() -> ModuleType:
 
 def _answers_for(dims: Dims, module: ModuleType) -> bool:
     """Whether a compiled runtime is that of a hand of these counts."""
-    return bool(tuple(module.hand) == tuple(header_dims(dims).values()))
+    return bool(tuple(module.hand) == (*header_dims(dims).values(), twisted(dims)))
 
 
 def runtime_for(dims: Dims) -> ModuleType:

@@ -84,6 +84,7 @@ def shared_shapes(dims: Dims) -> dict[str, tuple[int, ...]]:
         "wrench_log_scale": (N_WRENCH,),
         "chol_nom": (b, dims.cholesky),
         **(tendons if dims.gates else {}),
+        **({"twist_nom": (b,)} if dims.twist else {}),
         "coord_mask": (b, c),
         "geom_axis": (b, c, 3),
         "geom_anchor": (b, c, 3),

@@ -18,7 +18,7 @@ TABLE_ALIGNMENT = 64
 """Each table begins at a multiple of it, counted from the blob's start."""
 HEAD = struct.Struct("<4I")  # magic, format version, size, CRC-32 of what follows
 # CRC-32 of the content; dimensions, widths, dq0 and weights, CRC-32 of the known stages, scalars; SHA-256 of checkpoint
-# and data set; stage scalars; 0; name, hand, made by
+# and data set; stage scalars; soft fingertips; name, hand, made by
 BODY = struct.Struct("<I6I3I2II4f32s32s4fI56s56s40s")
 
 
@@ -32,6 +32,11 @@ def header_dims(dims: Dims) -> dict[str, int]:
         "n_wrench": N_WRENCH,
         "n_gated": dims.gates,
     }
+
+
+def twisted(dims: Dims) -> int:
+    """`n_twist` of `aminn_model_t`: how many fingertips resist twisting."""
+    return dims.branches if dims.twist else 0
 
 
 def output_words(dims: Dims) -> int:
@@ -84,7 +89,7 @@ def pack(layout: Layout, answer: KnownAnswer) -> bytes:
     """The blob."""
     eps = [float(v) for name in STAGE_SCALARS for v in layout.stage_scalars[name]]
     body = struct.pack("<I", content_crc(layout, answer)) + _numbers(layout, answer)
-    body += layout.sha256 + layout.data_sha256 + struct.pack("<4fI", *eps, 0)
+    body += layout.sha256 + layout.data_sha256 + struct.pack("<4fI", *eps, twisted(layout.dims))
     body += struct.pack("56s56s40s", *(text.encode() for text in layout.names))
     assert len(body) == BODY.size
     for values in (*map(_little_endian, layout.tables), answer.words):
