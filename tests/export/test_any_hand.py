@@ -11,11 +11,12 @@ import onnx
 import pytest
 from hands import HANDS, Model, made_up, random_model, random_states, same_eps_m
 
+from aminn.evaluation.metrics import holds
 from aminn_base.errors import AminnError
 from aminn_export.files.onnx_model import build_onnx, onnx_metadata
 from aminn_export.files.tables import by_branch, dims_of
 from aminn_export.judge.fidelity import SquareRootReference
-from aminn_export.judge.verdict import compare_within, holds
+from aminn_export.judge.verdict import compare_within
 from aminn_export.judge.verify import scaled_norm
 from aminn_export.samples.golden import run_onnx, single_thread_session
 from aminn_export.samples.reference import Reference

@@ -24,6 +24,7 @@ from .metrics import (
     choose_tau,
     displacement_figures,
     f1_score,
+    holds,
     pose_error,
     pose_size,
     violation_rate,
@@ -104,7 +105,7 @@ def _key(name: str) -> str:
 def learned(checkpoint: Checkpoint, data: Dataset, name: str) -> Prediction:
     """A trained cascade at its own tau."""
     out = predict(checkpoint.model, data)
-    stable = out["p_stable"].astype(np.float32) >= np.float32(checkpoint.meta["tau"])
+    stable = holds(out["p_stable"], checkpoint.meta["tau"])
     return Prediction(name, out["dx_ht"], stable, out["p_stable"], out.get("gate"))
 
 

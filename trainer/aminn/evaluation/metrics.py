@@ -180,6 +180,11 @@ def all_figures(
     return figures
 
 
+def holds(p_stable: NDArray | float, tau: float | np.floating) -> Mask:
+    """The decision of a model, in single precision as the runtime makes it."""
+    return np.asarray(np.asarray(p_stable, np.float32) >= np.float32(tau))
+
+
 def operating_curve(p: Array, stable_true: Mask, error: Array, points: int = 61) -> dict[str, list[float]]:
     """What each threshold on p gives: "tau", "f1", "rmse_pose" of what is stable and passed, "passed" (share of all).
 

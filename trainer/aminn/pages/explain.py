@@ -18,7 +18,7 @@ from aminn_hand import Hand
 
 from ..data.dataset import Dataset
 from ..data.origin import check_hand, same_configuration
-from ..evaluation.metrics import pose_error, pose_size
+from ..evaluation.metrics import holds, pose_error, pose_size
 from ..model.checkpoint import Checkpoint
 from ..model.network import Aminn
 
@@ -139,7 +139,7 @@ def as_text(e: Explanation) -> str:
         f"load case {e.sample}, grasp {int(e.data.samples['grasp_id'][e.sample])}",
         f"  load        ({w[0]:+.2f} {w[1]:+.2f} {w[2]:+.2f}) N, ({w[3]:+.4f} {w[4]:+.4f} {w[5]:+.4f}) N.m",
         f"  verdict     p_stable {e.p_stable:.3f}, threshold {e.tau:.3f}: "
-        f"{'holds' if e.p_stable >= e.tau else 'gives way'}; simulated: {'holds' if held else 'gives way'}",
+        f"{'holds' if holds(e.p_stable, e.tau) else 'gives way'}; simulated: {'holds' if held else 'gives way'}",
         f"  predicted   {_motion(e.dx)}",
         f"  simulated   {_motion(true)}" + ("" if held else "  (gave way: the model is not trained on such motion)"),
     ]

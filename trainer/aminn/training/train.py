@@ -26,7 +26,7 @@ from aminn_hand import Hand
 from aminn_hand.hand import N_WRENCH
 
 from ..data.dataset import Dataset
-from ..evaluation.metrics import all_figures, calibration_figures, choose_tau, operating_curve, pose_error
+from ..evaluation.metrics import all_figures, calibration_figures, choose_tau, holds, operating_curve, pose_error
 from ..evaluation.predict import predict
 from ..hand.symmetry import Reflection
 from ..model.baseline import Mlp, MlpStage, n_parameters
@@ -419,7 +419,7 @@ def _result(model: Aminn | Mlp, parts: dict[str, Dataset], dataset: Dataset) -> 
     s, out = validation.samples, predict(model, validation)
     stable, error = s["stable"] > 0, pose_error(out["dx_ht"], s["dx_ht"], length_m)
     tau = choose_tau(out["p_stable"], stable, error)
-    figures = all_figures(s["w_e"], s["dx_ht"], stable, out["dx_ht"], out["p_stable"] >= tau, length_m)
+    figures = all_figures(s["w_e"], s["dx_ht"], stable, out["dx_ht"], holds(out["p_stable"], tau), length_m)
     figures |= calibration_figures(out["p_stable"], stable)
     return {
         "tau": tau,

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from aminn.evaluation.metrics import holds
 from aminn_base.errors import AminnError
 from aminn_hand.hand import OUTPUTS
 
@@ -80,11 +81,6 @@ class Verdict:
 
 
 Names = Callable[[int], str]
-
-
-def holds(p_stable: NDArray, tau: float | np.floating) -> NDArray[np.bool_]:
-    """The decision, as the runtime makes it: in single precision."""
-    return np.asarray(np.asarray(p_stable, np.float32) >= np.float32(tau))
 
 
 def component_name(output: str, component: int, shape: tuple[int, ...]) -> str:

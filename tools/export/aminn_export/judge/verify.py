@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from aminn.data.dataset import SPLITS, Dataset, load_dataset, split_of
 from aminn.evaluation.evaluate import align_columns
+from aminn.evaluation.metrics import holds
 from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
 from aminn_base.read import AnyPath
@@ -39,7 +40,7 @@ from ..samples.golden import GOLDEN_FILE, inputs_of, run_onnx, single_thread_ses
 from ..samples.reference import Reference
 from ..samples.vectors import Results, read_results, read_vectors, write_vectors
 from .identity import check_model_hand, misfits
-from .verdict import Failure, Verdict, compare_bits, compare_within, holds, worst_first
+from .verdict import Failure, Verdict, compare_bits, compare_within, worst_first
 from .verdict_report import Case, shown
 
 Array = NDArray[np.float64]

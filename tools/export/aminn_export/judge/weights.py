@@ -9,12 +9,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from aminn.evaluation.metrics import holds
 from aminn_base.errors import AminnError
 
 from ..files.bin_model import BinModel
 from ..files.tables import Exported
 from ..samples.reference import Reference
-from .verdict import holds
 from .verify import dx_figures
 
 LARGEST = float(np.finfo(np.float16).max)
