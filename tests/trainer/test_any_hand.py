@@ -27,7 +27,10 @@ from aminn_base.errors import AminnError, OutdatedError
 from aminn_base.files import write_json
 from aminn_hand import Hand
 from aminn_hand.hand import ContactModel
+from aminn_sim.hand_file import default_hand_file
+from aminn_sim.understand import understand
 
+SHIPPED = sorted((default_hand_file().parent / "hands").glob("*.toml"))
 Made = tuple[str, Dataset, dict[str, Checkpoint]]
 
 
@@ -110,6 +113,18 @@ def test_links_are_drawn_from_the_palm_to_the_tip(made: Made) -> None:
         assert len(points) == bends + 1
         at = hand.branch_joints[b]
         np.testing.assert_allclose(points[-1], branch.moved(q[at], np.array(branch.tip_point_m)), atol=1e-12)
+
+
+@pytest.mark.parametrize("file", SHIPPED, ids=lambda p: p.stem)
+def test_hands_that_are_shipped_go_the_same_way(file: Path, tmp_path: Path) -> None:
+    hand = understand(file).hand
+    write_dataset(tmp_path / "data", grasps=40, cases=6, of=hand)
+    data = load_dataset(tmp_path / "data")
+    run = train(TrainConfig(epochs=2, batch=32), data, tmp_path / "run")
+    assert load_checkpoint(run.path).model.hand == hand == data.hand
+    assert evaluate([run], data).table["aminn"]["passivity_violation_full"] == 0
+    text = as_text(explain_sample(run, data, 3))
+    assert all(branch.name in text for branch in hand.branches) and ("engaged" in text) == (hand.dims.gates > 0)
 
 
 @pytest.mark.parametrize("name", ["gripper 2x2", "5x5"])

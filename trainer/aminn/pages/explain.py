@@ -239,7 +239,7 @@ def draw(e: Explanation, out: AnyPath) -> None:
         e.data.grasps["tool_geoms"][grasp],
         np.asarray(e.data.grasps["tool_size_m"][grasp], float),
         e.row("w_e"),
-        "springs, tendons and softest motions",
+        "springs, tendons and softest motions" if hand.dims.gates else "springs and softest motions",
     )
     for rank, motion in enumerate(softest(e)):
         for line in motion.lines:

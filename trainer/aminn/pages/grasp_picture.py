@@ -34,7 +34,7 @@ LINK_RADIUS_M = 0.008
 """Of a fingertip that is not round, as it is drawn."""
 ARROW_M = 0.04
 TURN_M, TURN_ANGLE = 0.032, 1.5 * math.pi  # of the curved arrow about a moment's axis
-# Where the camera may stand, degrees: along the tool rather than across it.
+# Where the camera may stand, degrees from the long axis of tools: fingers and thumb are left and right, none in front.
 ELEVATION, AZIMUTHS = 18, (-28, 28, 152, -152)
 
 
@@ -259,7 +259,7 @@ def _draw_force(ax: Axes3D, force: Array, tool_size_m: Array, pose: Array) -> No
     ax.text(*(start + 1.15 * vector), f"{size:.1f} N", **text)
 
 
-def _azimuth(w_e: Array) -> float:
+def _azimuth(w_e: Array, hand: Hand) -> float:
     """The side to look from: where the force points across the picture, or rather towards the reader.
 
     A moment alone is seen from where it turns in the picture rather than across it.
@@ -274,7 +274,9 @@ def _azimuth(w_e: Array) -> float:
         across = float(view @ arrow) / size
         return abs(across) if alone else across
 
-    return min(AZIMUTHS, key=lambda azimuth: abs(towards(azimuth) - wanted))
+    x, y, _ = hand.tool_axis
+    along = math.degrees(math.atan2(y, x))
+    return min((along + a for a in AZIMUTHS), key=lambda azimuth: abs(towards(azimuth) - wanted))
 
 
 def _frame(ax: Axes3D, points: Array, title: str) -> None:
@@ -328,7 +330,7 @@ def draw_scene(
     ax: Axes3D, hand: Hand, q: Array, x_ht: Array, tool_geoms: Array, tool_size_m: Array, w_e: Array, title: str
 ) -> None:
     """One state of a grasp with the load: hand, see-through tool, force and moment."""
-    ax.view_init(elev=ELEVATION, azim=_azimuth(w_e))
+    ax.view_init(elev=ELEVATION, azim=_azimuth(w_e, hand))
     faces = _placed(tool_faces(tool_geoms), x_ht)
     _draw_hand(ax, hand, q)
     _draw_solid(ax, faces, TOOL_COLOUR, 0.35)
@@ -354,7 +356,7 @@ def draw_grasp(picture: GraspPicture) -> tuple[Figure, str]:
     for k, ((q, pose), title) in enumerate(zip(states, ("before the load", "under load"), strict=True)):
         ax = figure.add_subplot(1, 2, k + 1, projection="3d", computed_zorder=True)
         ax.patch.set_visible(False)  # it would hide the other's axis label
-        ax.view_init(elev=ELEVATION, azim=_azimuth(picture.w_e))
+        ax.view_init(elev=ELEVATION, azim=_azimuth(picture.w_e, picture.hand))
         _draw_hand(ax, picture.hand, q)
         _draw_solid(ax, _placed(tool_faces(picture.tool_geoms), pose), TOOL_COLOUR, 0.8)
         if k == 1:
