@@ -7,8 +7,10 @@ import math
 
 import pytest
 
-from aminn.hand import dims
+from aminn_hand.hand import N_CONTACT_FEATURE, N_WRENCH
 from aminn_sim import SimulationConfig, SimulationError, _core, simulate
+from aminn_sim.hand_file import default_hand_file
+from aminn_sim.understand import understand
 
 
 def test_defaults_are_those_of_the_compiled_part() -> None:
@@ -25,8 +27,9 @@ def test_options_carry_every_value() -> None:
     assert {n: getattr(options, n) for n in _core.OPTION_RANGES} == changed
 
 
-def test_dimensions_are_those_of_the_trainer() -> None:
-    expected = (dims.N_BRANCH, dims.N_COORD, dims.N_JOINT, dims.N_CONTACT_FEATURE, dims.N_WRENCH)
+def test_dimensions_are_those_of_the_built_in_hand() -> None:
+    dims = understand(default_hand_file()).hand.dims
+    expected = (dims.branches, dims.coordinates, dims.joints, N_CONTACT_FEATURE, N_WRENCH)
     assert expected == _core.DIMENSIONS
 
 
