@@ -126,8 +126,10 @@ class _Model:
 
 
 def _name_parts(root: ET.Element) -> None:
-    """Give every joint and geom a name that can be referred to."""
+    """Give every body, joint and geom a name that can be referred to."""
     bodies = [e for body in root.iter("worldbody") for e in body.iter("body")]
+    for i, body in enumerate(b for b in bodies if not b.get("name")):
+        body.set("name", f"unnamed_body_{i}")
     for tag, tags in (("joint", ("joint", "freejoint")), ("geom", ("geom",))):
         for i, part in enumerate(e for body in bodies for e in body if e.tag in tags and not e.get("name")):
             part.set("name", f"unnamed_{tag}_{i}")
@@ -171,6 +173,19 @@ def _chains(model: _Model, palm: int, path: Path, locked: set[int]) -> list[list
                     "their own"
                 )
     return chains
+
+
+def _part_neighbours(root: ET.Element, model: _Model) -> None:
+    """Keep the first links from touching the palm, as the engine does with neighbours unless one stands still."""
+    welded, with_geoms = model.array("body_weldid"), set(model.array("geom_bodyid").tolist())
+    firsts = {b for b in model.moving if not welded[model.parent[b]]}
+    pairs = [(s, b) for s in np.flatnonzero(welded == 0).tolist() for b in range(len(welded)) if welded[b] in firsts]
+    contact = mjcf_tree.section(root, "contact")
+    told = {frozenset((e.get("body1"), e.get("body2"))) for e in contact if e.tag == "exclude"}
+    for still, first in pairs:
+        names = (model.bodies[still], model.bodies[first])
+        if {still, first} <= with_geoms and frozenset(names) not in told:
+            ET.SubElement(contact, "exclude", body1=names[0], body2=names[1])
 
 
 def _common_prefix(names: Sequence[str]) -> str:
@@ -278,6 +293,7 @@ class _Reader:
         mjcf_tree.remove_joints(root, set(above))
         self._remove_others(root, model)
         model = _Model(mjcf_tree.text_of(root), source, self.path)
+        _part_neighbours(root, model)
         palm = model.body(model.bodies[palm], "palm") if file.palm is None else model.body(file.palm, "palm")
         chains = _chains(model, palm, self.path, set())
         joints = [[j for b in chain for j in model.joints_of(b)] for chain in chains]

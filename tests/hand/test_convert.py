@@ -238,6 +238,23 @@ def test_urdf_that_mimics_is_coupled(tmp_path: Path) -> None:
         assert coupling.ratio == pytest.approx((-0.6, 1.0))
 
 
+def test_first_links_do_not_touch_the_palm_that_they_overlap(tmp_path: Path) -> None:
+    big = COLLISION.format(shape='<box size="0.1 0.1 0.09"/>')
+    text = urdf()
+    for name in ("palm", "left_1_link", "right_1_link"):
+        text = text.replace(f"{name}.dae", f"{name}.dae.")
+        at = text.index("</visual>", text.index(f"{name}.dae.")) + len("</visual>")
+        text = text[:at] + big + text[at:]
+    file = write_hand(tmp_path, text, "hand.urdf", "[stiffness]\nservo_Nm_rad = { default = 1.5 }\n")
+    CliRunner().invoke(main, ["hand", "convert", str(file), "--out", str(tmp_path / "new")], catch_exceptions=False)
+    engine = _core.Engine(text_of(understand(tmp_path / "new" / "hand.toml").root))
+    engine.forward()
+    bodies = engine.names("body")
+    touching = [{bodies[engine.model("geom_bodyid")[g]] for g in c["geoms"]} for c in engine.contacts()]
+    assert not [pair for pair in touching if "palm" in pair and pair & {"left_1_link", "right_1_link"}]
+    assert touching  # the two big boxes of the fingers do
+
+
 def test_urdf_whose_fingertips_touch_nothing_is_refused(tmp_path: Path) -> None:
     write_hand(tmp_path, urdf(tip=""), "hand.urdf")
     with pytest.raises(
