@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib.util
 import re
+import tomllib
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -19,8 +20,8 @@ from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError
 from aminn_base.files import refuse_inputs, write_atomically, write_json
-from aminn_base.read import AnyPath
-from aminn_hand.hand_file import model_path, read_hand_file
+from aminn_base.read import AnyPath, read_text
+from aminn_hand.hand_file import HandFile, model_path, read_hand_file
 
 from . import _core, mjcf_tree
 from .current_mujoco import import_mujoco
@@ -31,6 +32,9 @@ Array = NDArray[np.float64]
 ALMOST = 1e-6
 """Largest difference, of the largest number of its kind, that counts as the same; the engines round differently."""
 MESH_ALMOST_M = 1e-6
+FULL = 10.0
+"""Command of an actuator whose commands have no limit, where the engines' torques are compared."""
+BALANCE = "balanceinertia"
 REPORT = "report.txt"
 URDF_LACKS = (
     "a URDF has no actuators and no stiffness: tell [stiffness] servo_Nm_rad in the hand file",
@@ -84,21 +88,25 @@ class Conversion:
         }
 
 
-def convert(source: AnyPath) -> Conversion:
-    """Take a model (MJCF or URDF) through the current MuJoCo. Raises AminnError with what would be lost, by name."""
+def convert(source: AnyPath, sheet: HandFile | None = None) -> Conversion:
+    """Take a model (MJCF or URDF) through the current MuJoCo. Raises AminnError with what would be lost, by name.
+
+    sheet: the hand file that names it. Where that tells a joint's stiffness, an actuator that is lost is not missed.
+    """
     source = Path(source)
     mujoco = import_mujoco()
     is_urdf = _is_urdf(source)
+    balanced: list[str] = []
     try:
         if is_urdf:
-            model = mujoco.MjModel.from_xml_string(_urdf_text(source))
+            model, balanced = _compiled_urdf(mujoco, source)
         else:
             model = mujoco.MjModel.from_xml_path(str(source))
     except ValueError as error:
         raise AminnError(f"{source}: MuJoCo {mujoco.__version__} does not take this model: {_line(error)}") from error
     if is_urdf:
         _refuse_bare(mujoco, model, source)
-    written = Writer(mujoco, model).write()
+    written = Writer(mujoco, model, () if sheet is None else tuple(sheet.stiffness.servo_Nm_rad)).write()
     if written.lost:
         raise AminnError(
             f"{source}: MuJoCo {_core.MUJOCO_VERSION} cannot have what the mechanics needs: " + "; ".join(written.lost)
@@ -115,7 +123,7 @@ def convert(source: AnyPath) -> Conversion:
     if broken:
         parts = "; ".join(f"{r.what} {r.original} became {r.converted}" for r in broken)
         raise AminnError(f"{source}: the converted model is another one: {parts}")
-    warnings = (*(URDF_LACKS if is_urdf else ()), *dict.fromkeys(written.warnings))
+    warnings = (*(URDF_LACKS if is_urdf else ()), *balanced, *dict.fromkeys(written.warnings))
     return Conversion(source, written.root, rows, warnings, f"MuJoCo {mujoco.__version__}")
 
 
@@ -126,33 +134,36 @@ def convert_to(file: AnyPath, out: AnyPath, echo: Callable[[str], None] = lambda
     """
     file, out = Path(file), Path(out)
     is_hand_file = file.suffix.lower() == ".toml"
-    source = model_path(read_hand_file(file), file) if is_hand_file else file
+    sheet = read_hand_file(file) if is_hand_file else None
+    source = model_path(sheet, file) if sheet is not None else file
     model = out / f"{source.stem}.xml"
     outputs = [model, out / REPORT, out / "report.json", *([out / file.name] if is_hand_file else [])]
     for output in outputs:
         refuse_inputs(output, {file, source})
-    done = convert(source)
+    done = convert(source, sheet)
+    beside = _with_model(file, model.name) if is_hand_file else ""
     for line in done.report():
         echo(line)
     write_atomically(model, done.text.encode())
     write_atomically(out / REPORT, ("\n".join(done.report()) + "\n").encode())
     write_json(out / "report.json", done.flat())
     if is_hand_file:
-        write_atomically(out / file.name, _with_model(file, model.name).encode())
+        write_atomically(out / file.name, beside.encode())
     return out / file.name if is_hand_file else model
 
 
 def _with_model(file: Path, name: str) -> str:
     """The hand file's text, with another model."""
-    text, found = re.subn(
-        r"(?m)^(model|scene)\s*=.*$",
-        lambda match: f"model = {_toml_text(name)}",
-        file.read_text(encoding="utf-8-sig"),
-        count=1,
-    )
-    if not found:
-        raise AminnError(f"{file}: no line begins with model = ...; write it so")
-    return text
+    text = read_text(file)
+    table = re.search(r"(?m)^\s*\[", text)  # a table may have a field of the same name
+    end = table.start() if table else len(text)
+    line = r"(?m)^([ \t]*)(?:model|scene)[ \t]*=[ \t]*(?:\"[^\"\n]*\"|'[^'\n]*')"
+    new = re.sub(line, lambda match: f"{match[1]}model = {_toml_text(name)}", text[:end], count=1) + text[end:]
+    before, after = tomllib.loads(text), tomllib.loads(new)
+    before.pop("scene", None)
+    if after != before | {"model": name}:
+        raise AminnError(f'{file}: write model = "..." on a line of its own, above the tables')
+    return new
 
 
 def _toml_text(text: str) -> str:
@@ -170,6 +181,18 @@ def _is_urdf(source: Path) -> bool:
         raise AminnError(f"{source}: cannot be read ({error.strerror})") from error
     except ET.ParseError as error:
         raise AminnError(f"{source}: not XML ({error})") from error
+
+
+def _compiled_urdf(mujoco: Any, source: Path) -> tuple[Any, list[str]]:
+    """The model, and what is said where inertias are impossible and the engine has to change them."""
+    text = _urdf_text(source)
+    try:
+        return mujoco.MjModel.from_xml_string(text), []
+    except ValueError as error:
+        if BALANCE not in str(error):
+            raise
+        model = mujoco.MjModel.from_xml_string(text.replace(f'{BALANCE}="false"', f'{BALANCE}="true"'))
+        return model, [f"an inertia that no body has is replaced by the nearest that is possible ({_line(error)})"]
 
 
 def _urdf_text(source: Path) -> str:
@@ -192,9 +215,8 @@ def _urdf_text(source: Path) -> str:
     for extension in root.findall("mujoco"):
         root.remove(extension)
     extension = ET.SubElement(root, "mujoco")
-    ET.SubElement(
-        extension, "compiler", fusestatic="false", discardvisual="false", strippath="false", balanceinertia="true"
-    )
+    compiler = ET.SubElement(extension, "compiler", fusestatic="false", discardvisual="false", strippath="false")
+    compiler.set(BALANCE, "false")
     return mjcf_tree.text_of(root)
 
 
@@ -265,13 +287,19 @@ def _compare(mujoco: Any, m: Any, e: _core.Engine, written: Written) -> Iterator
         return Row(what, f"{where} {old[at]:.6g} {unit}".strip(), f"{new[at]:.6g} {unit}".strip(), False, needed)
 
     counts = [("bodies", "body", m.nbody), ("joints", "joint", m.njnt), ("tendons", "tendon", m.ntendon)]
-    counts += [("equalities", "equality", m.neq), ("actuators", "actuator", m.nu)]
+    counts += [("equalities", "equality", m.neq)]
     for what, kind, n in counts:
         old, new = named(kind, n), e.names(kind)
         same = len(old) == len(new) and all(a is None or a == b for a, b in zip(old, new, strict=True))
         yield Row(what, str(len(old)), str(len(new)), same, True)
         if len(old) != len(new):
             return
+    driven, every = written.actuators, named("actuator", len(m.actuator_trntype))
+    theirs = e.names("actuator")
+    same = len(driven) == len(theirs) and all(every[a] in (None, b) for a, b in zip(driven, theirs, strict=True))
+    yield Row("actuators", str(len(every)), str(len(theirs)), same and len(driven) == len(every), not same)
+    if not same:
+        return
     kept, sizes = np.array(written.geoms, int), e.model("geom_size")
     yield Row("colliders", str(len(kept)), str(len(sizes)), len(kept) == len(sizes), True)
 
@@ -279,6 +307,7 @@ def _compare(mujoco: Any, m: Any, e: _core.Engine, written: Written) -> Iterator
     joint = np.flatnonzero(m.jnt_type >= 2)
     for what, field, unit in (("joint axes", "jnt_axis", ""), ("joint positions", "jnt_pos", "m")):
         yield row(what, getattr(m, field)[joint], e.model(field)[joint], unit)
+    yield row("kinds of joints", m.jnt_type, e.model("jnt_type"))
     yield row("joint limits on", m.jnt_limited, e.model("jnt_limited"))
     limited = np.flatnonzero(m.jnt_limited)
     yield row("joint ranges", m.jnt_range[limited], e.model("jnt_range")[limited], "rad")
@@ -288,22 +317,22 @@ def _compare(mujoco: Any, m: Any, e: _core.Engine, written: Written) -> Iterator
     yield row("joint dry friction", m.dof_frictionloss[dof], e.model("dof_frictionloss")[dof], "N.m")
     yield row("joint armature", m.dof_armature[dof], e.model("dof_armature")[dof], "kg.m2")
 
-    yield row("gears", m.actuator_gear, e.model("actuator_gear"))
-    yield row("driven joint or tendon", m.actuator_trnid, e.model("actuator_trnid"))
-    for what, field in (("gains", "actuator_gainprm"), ("servo stiffness and damping", "actuator_biasprm")):
-        yield row(what, getattr(m, field), e.model(field))
+    for what, field in (
+        ("gears", "gear"),
+        ("driven joint or tendon", "trnid"),
+        ("gains", "gainprm"),
+        ("servo stiffness and damping", "biasprm"),
+    ):
+        yield row(what, getattr(m, f"actuator_{field}")[driven], e.model(f"actuator_{field}"))
     for what, field in (("control ranges", "ctrl"), ("force limits", "force")):
-        on = np.flatnonzero(getattr(m, f"actuator_{field}limited"))
-        got = e.model(f"actuator_{field}limited")
-        if field == "ctrl" or not np.any(m.jnt_actfrclimited):
-            yield row(f"{what} on", getattr(m, f"actuator_{field}limited"), got)
-        own = e.model(f"actuator_{field}range")[on]
-        if field == "ctrl" or not np.any(m.jnt_actfrclimited):
-            yield row(what, getattr(m, f"actuator_{field}range")[on], own)
-    if np.any(m.jnt_actfrclimited):
-        yield Row(
-            "force limits of joints", f"{int(np.sum(m.jnt_actfrclimited))}", "limits of their actuators", True, True
-        )
+        at = m.actuator_ctrladr[driven] if field == "ctrl" else driven
+        on = getattr(m, f"actuator_{field}limited")[at].astype(bool)
+        stated = getattr(m, f"actuator_{field}range")[at]
+        if field == "force":
+            on |= np.isin(driven, list(written.limits))
+            stated = np.array([written.limits.get(a, stated[i]) for i, a in enumerate(driven)]).reshape(-1, 2)
+        yield row(f"{what} on", on, e.model(f"actuator_{field}limited"))
+        yield row(what, stated[on], e.model(f"actuator_{field}range")[on])
     yield row("tendon springs", m.tendon_stiffness, e.model("tendon_stiffness"), "N/m")
     yield row("their rest lengths", m.tendon_lengthspring[:, 0], e.model("tendon_lengthspring"), "m")
     yield row("tendon damping", m.tendon_damping, e.model("tendon_damping"), "N.s/m")
@@ -320,27 +349,37 @@ def _compare(mujoco: Any, m: Any, e: _core.Engine, written: Written) -> Iterator
     yield row("sizes of shapes", m.geom_size[kept][plain], e.model("geom_size")[plain], "m")
     for field in ("contype", "conaffinity", "condim", "friction", "solref", "solimp", "margin", "gap"):
         yield row(f"{field} of shapes", getattr(m, f"geom_{field}")[kept], e.model(f"geom_{field}"))
-    yield from _compare_poses(mujoco, m, e, row, kept)
+    yield from _compare_poses(mujoco, m, e, row, written)
 
 
-def _compare_poses(mujoco: Any, m: Any, e: _core.Engine, row: Callable[..., Row], kept: Array) -> Iterator[Row]:
-    """Where bodies, shapes and tendons are in two postures."""
-    data = mujoco.MjData(m)
+def _compare_poses(mujoco: Any, m: Any, e: _core.Engine, row: Callable[..., Row], written: Written) -> Iterator[Row]:
+    """Where bodies, shapes and tendons are in two postures, and how strongly springs and actuators turn the joints."""
+    data, kept, driven = mujoco.MjData(m), np.array(written.geoms, int), written.actuators
+    gone = [int(m.actuator_trnid[a][0]) for a in range(len(m.actuator_trntype)) if a not in driven]
+    compared = ~np.isin(m.dof_jntid, gone)
+    compensated = m.jnt_actgravcomp[m.dof_jntid].astype(bool)
+    commanded = m.actuator_ctrladr[driven]
+    command = np.where(m.actuator_ctrllimited, m.actuator_ctrlrange[:, 1], FULL)[commanded]
     for name, share in (("at rest", None), ("bent", 0.7)):
         q = np.array(m.qpos0)
         for j in np.flatnonzero(m.jnt_type >= 2):
             if share is not None:
                 low, high = m.jnt_range[j] if m.jnt_limited[j] else (0.0, 0.7)
                 q[m.jnt_qposadr[j]] = low + share * (high - low)
-        data.qpos[:] = q
+        data.qpos[:], data.ctrl[commanded] = q, command
         mujoco.mj_forward(m, data)
         e.reset()
         e.set("qpos", q)
+        e.set("ctrl", command)
         e.forward()
         yield row(f"positions of bodies, {name}", data.xpos, e.data("xpos"), "m")
         yield row(f"tendon lengths, {name}", data.ten_length, e.data("ten_length"), "m")
         plain = np.flatnonzero(m.geom_type[kept] != MESH)
         yield row(f"positions of shapes, {name}", data.geom_xpos[kept][plain], e.data("geom_xpos")[plain], "m")
+        compensation = np.where(compensated, 0, data.qfrc_gravcomp), np.where(compensated, data.qfrc_gravcomp, 0)
+        for what, field, left_out in zip(("springs", "actuators"), ("passive", "actuator"), compensation, strict=True):
+            torques = getattr(data, f"qfrc_{field}") - left_out
+            yield row(f"torques of {what}, {name}", torques[compared], e.data(f"qfrc_{field}")[compared], "N.m")
     meshes = [i for i, g in enumerate(kept) if m.geom_type[g] == MESH]
     boxes = np.array([_box(m, data, int(kept[i])) for i in meshes]).reshape(len(meshes), 2, 3)
     theirs = np.array([_converted_box(e, i) for i in meshes]).reshape(len(meshes), 2, 3)

@@ -7,7 +7,7 @@ meshes are numbers, and an element that the older engine does not know cannot be
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -33,6 +33,10 @@ class Written:
     root: ET.Element
     geoms: list[int] = field(default_factory=list)
     """Of the compiled model, in the order in which the tree has them."""
+    actuators: list[int] = field(default_factory=list)
+    """Likewise: the older engine wants those with a state of their own last."""
+    limits: dict[int, tuple[float, float]] = field(default_factory=dict)
+    """Force limits, N, that actuators have instead of the joints that they alone drive."""
     lost: list[str] = field(default_factory=list)
     """Parts that the mechanics needs and the older engine cannot have."""
     warnings: list[str] = field(default_factory=list)
@@ -51,8 +55,9 @@ def truth(value: object) -> str:
 class Writer:
     """One compiled model on its way to a tree."""
 
-    def __init__(self, mujoco: Any, model: Any) -> None:
-        self.mujoco, self.m = mujoco, model
+    def __init__(self, mujoco: Any, model: Any, told: Collection[str] = ()) -> None:
+        """told: joints whose stiffness a hand file tells; `default` stands for all."""
+        self.mujoco, self.m, self.told = mujoco, model, told
         self.out = Written(ET.Element("mujoco"))
 
     def name(self, kind: str, i: int) -> str | None:
@@ -318,80 +323,128 @@ class Writer:
             if kind == "connect":
                 element.set("anchor", numbers(data[:3]))
             else:
-                element.set("relpose", numbers(data[3:10]))
+                element.attrib |= {"anchor": numbers(data[:3]), "relpose": numbers(data[3:10])}
+                element.set("torquescale", numbers(data[10]))
 
     def _actuators(self) -> None:
-        m, mujoco = self.m, self.mujoco
-        actuators = ET.SubElement(self.out.root, "actuator")
+        m, section = self.m, ET.SubElement(self.out.root, "actuator")
         limits = self._joint_limits()
-        for a in range(m.nu):
-            name = self.called("actuator", a)
-            kind = mujoco.mjtTrn(int(m.actuator_trntype[a])).name.removeprefix("mjTRN_")
-            dynamics, gain, bias = (
-                getattr(mujoco, f"mjt{t.capitalize()}")(int(getattr(m, f"actuator_{t}type")[a])).name.split("_", 1)[1]
-                for t in ("dyn", "gain", "bias")
-            )
-            if m.actuator_plugin[a] >= 0:
-                self.out.lost.append(f"actuator {name}: a plugin; write it as <position> with the plugin's gain")
-            elif kind not in ("JOINT", "TENDON"):
-                self.out.lost.append(f"actuator {name}: it drives a {kind.lower()}, neither a joint nor a tendon")
-            elif dynamics not in DYNAMICS or gain not in GAINS or bias not in BIASES:
-                self.out.lost.append(f"actuator {name}: of the kind {dynamics.lower()}; write it as <position>")
-            else:
-                if dynamics == "FILTEREXACT":
-                    self.out.warnings.append(f"actuator {name}: filterexact becomes filter")
-                target = "joint" if kind == "JOINT" else "tendon"
-                low, high = limits.get(a, (-np.inf, np.inf))
-                if m.actuator_forcelimited[a]:
-                    low, high = max(low, m.actuator_forcerange[a][0]), min(high, m.actuator_forcerange[a][1])
-                limited = bool(np.isfinite(low))
-                ET.SubElement(
-                    actuators,
-                    "general",
-                    self._label("actuator", a)
-                    | {target: self.reference(target, m.actuator_trnid[a][0])}
-                    | {"gear": numbers(m.actuator_gear[a])}
-                    | {"ctrllimited": truth(m.actuator_ctrllimited[a]), "ctrlrange": numbers(m.actuator_ctrlrange[a])}
-                    | {"forcelimited": truth(limited), "forcerange": numbers((low, high) if limited else (0, 0))}
-                    | {"dyntype": DYNAMICS[dynamics], "gaintype": GAINS[gain], "biastype": BIASES[bias]}
-                    | {f"{t}prm": numbers(getattr(m, f"actuator_{t}prm")[a]) for t in ("dyn", "gain", "bias")},
+        kept = []
+        for a in range(len(m.actuator_trntype)):  # nu counts commands, of which some kinds have several
+            strange = self._strange(a)
+            if not strange:
+                kept.append(a)
+            elif self._is_told(a):
+                joint = self.called("joint", m.actuator_trnid[a][0])
+                self.out.warnings.append(
+                    f"{self._actuator_called(a)}, {strange}, is left out: the hand file tells the stiffness of {joint}"
                 )
-                if self._any("actuator_armature", a):
-                    self.out.warnings.append(f"actuator {name}: its armature is left out")
-                if self._any("actuator_damping", a):
-                    self.out.warnings.append(f"actuator {name}: its damping is left out")
+            else:
+                self.out.lost.append(f"{self._actuator_called(a)}: {strange}")
+        self.out.actuators = sorted(kept, key=lambda a: self._kinds(a)[1] != "NONE")
+        for a in self.out.actuators:
+            section.append(self._actuator(a, limits))
+
+    def _actuator_called(self, a: int) -> str:
+        name = self.name("actuator", a)
+        return f"actuator {name}" if name else f"actuator {a} (unnamed)"
+
+    def _kinds(self, a: int) -> tuple[str, str, str, str]:
+        """Transmission, dynamics, gain and bias, as the engine calls them."""
+        kinds = (("Trn", "trn"), ("Dyn", "dyn"), ("Gain", "gain"), ("Bias", "bias"))
+        transmission, dynamics, gain, bias = (
+            getattr(self.mujoco, f"mjt{enum}")(int(getattr(self.m, f"actuator_{what}type")[a])).name.split("_", 1)[1]
+            for enum, what in kinds
+        )
+        return transmission, dynamics, gain, bias
+
+    def _is_told(self, a: int) -> bool:
+        """Whether the actuator drives a joint whose stiffness the hand file tells."""
+        if self._kinds(a)[0] != "JOINT":
+            return False
+        return "default" in self.told or self.called("joint", self.m.actuator_trnid[a][0]) in self.told
+
+    def _strange(self, a: int) -> str:
+        """What the older engine has no actuator for, and what to do about it, or ""."""
+        transmission, dynamics, gain, bias = self._kinds(a)
+        if transmission not in ("JOINT", "TENDON"):
+            return f"it drives a {transmission.lower()}, neither a joint nor a tendon"
+        unknown = [k for k, known in ((dynamics, DYNAMICS), (gain, GAINS), (bias, BIASES)) if k not in known]
+        if self.m.actuator_plugin[a] >= 0:
+            what = "a plugin"
+        elif unknown:
+            what = f"of the kind {unknown[0].lower()}"
+        else:
+            return ""
+        if transmission == "TENDON":
+            return f"{what}; write it as <position> with its gain"
+        joint = self.called("joint", self.m.actuator_trnid[a][0])
+        return f"{what}; tell a hand file the stiffness of {joint} (stiffness.servo_Nm_rad), or write it as <position>"
+
+    def _actuator(self, a: int, limits: dict[int, tuple[float, float]]) -> ET.Element:
+        m, (transmission, dynamics, gain, bias) = self.m, self._kinds(a)
+        what = self._actuator_called(a)
+        if dynamics == "FILTEREXACT":
+            self.out.warnings.append(f"{what}: filterexact becomes filter")
+        for extra in ("armature", "damping", "delay"):
+            if self._any(f"actuator_{extra}", a):
+                self.out.warnings.append(f"{what}: its {extra} is left out")
+        target = transmission.lower()
+        low, high = limits.get(a, (-np.inf, np.inf))
+        if m.actuator_forcelimited[a]:
+            low, high = max(low, m.actuator_forcerange[a][0]), min(high, m.actuator_forcerange[a][1])
+        limited = bool(np.isfinite(low))
+        command = int(m.actuator_ctrladr[a])
+        if a in limits:
+            self.out.limits[a] = (float(low), float(high))
+        return ET.Element(
+            "general",
+            self._label("actuator", a)
+            | {target: self.reference(target, m.actuator_trnid[a][0])}
+            | {"gear": numbers(m.actuator_gear[a])}
+            | {
+                "ctrllimited": truth(m.actuator_ctrllimited[command]),
+                "ctrlrange": numbers(m.actuator_ctrlrange[command]),
+            }
+            | {"forcelimited": truth(limited), "forcerange": numbers((low, high) if limited else (0, 0))}
+            | {"dyntype": DYNAMICS[dynamics], "gaintype": GAINS[gain], "biastype": BIASES[bias]}
+            | {f"{t}prm": numbers(getattr(m, f"actuator_{t}prm")[a]) for t in ("dyn", "gain", "bias")},
+        )
 
     def _joint_limits(self) -> dict[int, tuple[float, float]]:
         """Force limits of joints (actuatorfrcrange) as those of the one actuator that drives each."""
-        m, out = self.m, {}
+        m, out, undriven = self.m, {}, []
         joint_driven = m.actuator_trntype == int(self.mujoco.mjtTrn.mjTRN_JOINT)
         for j in np.flatnonzero(m.jnt_actfrclimited).tolist():
             name = self.called("joint", j)
             mine = np.flatnonzero(joint_driven & (m.actuator_trnid[:, 0] == j)) if m.nu else np.zeros(0, int)
-            if len(mine) == 1 and m.actuator_gear[mine[0]][0]:
+            by_tendon = self._through_tendon(j)
+            if len(mine) == 1 and m.actuator_gear[mine[0]][0] and not by_tendon:
                 ends = m.jnt_actfrcrange[j] / m.actuator_gear[mine[0]][0]
                 out[int(mine[0])] = (float(ends.min()), float(ends.max()))
             elif len(mine) > 1:
                 self.out.lost.append(
                     f"joint {name}: a force limit on the joint (actuatorfrcrange) with several actuators"
                 )
-            elif not self._through_tendon(j):
-                self.out.warnings.append(f"joint {name}: its force limit is left out, since no actuator drives it")
-            else:
+            elif by_tendon:
                 self.out.lost.append(f"joint {name}: a force limit on a joint (actuatorfrcrange) that a tendon drives")
+            else:
+                undriven.append(name)
+        if undriven:
+            self.out.warnings.append(
+                f"force limits of {len(undriven)} joints that no actuator drives are left out ({', '.join(undriven)})"
+            )
         return out
 
     def _through_tendon(self, joint: int) -> bool:
-        m = self.m
-        driven = {
-            int(m.actuator_trnid[a][0])
-            for a in range(m.nu)
-            if int(m.actuator_trntype[a]) == int(self.mujoco.mjtTrn.mjTRN_TENDON)
-        }
+        """Whether an actuator on a tendon, fixed or spatial, moves the joint."""
+        m, data = self.m, self.mujoco.MjData(self.m)
+        self.mujoco.mj_forward(m, data)
+        dof = int(m.jnt_dofadr[joint])
         return any(
-            self._wrap(w) == "JOINT" and int(m.wrap_objid[w]) == joint
-            for t in driven
-            for w in range(int(m.tendon_adr[t]), int(m.tendon_adr[t] + m.tendon_num[t]))
+            dof in data.moment_colind[data.moment_rowadr[a] :][: data.moment_rownnz[a]]
+            for a in range(len(m.actuator_trntype))
+            if int(m.actuator_trntype[a]) == int(self.mujoco.mjtTrn.mjTRN_TENDON)
         )
 
     def _rest(self) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import tomllib
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from click.testing import CliRunner
 from aminn_app.cli import main
 from aminn_base.errors import AminnError
 from aminn_sim import _core
-from aminn_sim.convert import convert
+from aminn_sim.convert import convert, convert_to
 from aminn_sim.mjcf_tree import text_of
 from aminn_sim.understand import understand
 
@@ -79,6 +80,7 @@ ACCEPTED = {
         tip='<replicate count="3" offset="0 0.002 0"><geom name="{n}_tip" size="0.006"/></replicate>'
     ),
     "a filtered servo": hand(actuator=SERVOS.replace('kv="0.05"', 'kv="0.05" timeconst="0.01"')),
+    "a filtered servo before others": hand(actuator=SERVOS.replace('kv="0.05"', 'kv="0.05" timeconst="0.01"', 1)),
     "gravity compensation": hand(rest="").replace('<body name="left_1"', '<body name="left_1" gravcomp="1"'),
     "a hand on a free joint": hand().replace('<body name="palm">', '<body name="palm"><freejoint/>'),
     "a coupling and a tendon": hand(
@@ -92,7 +94,20 @@ REFUSED = {
             option='<extension><plugin plugin="mujoco.pid"/></extension>',
             actuator='<plugin name="knuckle" joint="left_1" plugin="mujoco.pid"><config key="kp" value="2"/></plugin>',
         ),
-        ("knuckle", "plugin", "<position>"),
+        ("knuckle", "plugin", "left_1", "servo_Nm_rad", "<position>"),
+    ),
+    "an actuator of two commands": (
+        hand(actuator='<pid name="knuckle" joint="left_1"/>' + SERVOS),
+        ("knuckle", "pid", "left_1", "servo_Nm_rad"),
+    ),
+    "a force limit on a joint that a cable moves too": (
+        hand(
+            joint='actuatorfrcrange="-0.5 0.5"',
+            tip=TIP + '<site name="{n}_site"/>',
+            actuator=SERVOS + '<motor name="more" tendon="cable"/>',
+            rest='<tendon><spatial name="cable"><site site="left_site"/><site site="right_site"/></spatial></tendon>',
+        ),
+        ("joint left_1", "actuatorfrcrange", "a tendon drives"),
     ),
     "a tendon spring with a dead band": (
         hand(rest=TENDON.replace('name="pull"', 'name="pull" stiffness="9" springlength="0 0.01"')),
@@ -152,6 +167,50 @@ def test_limits_of_joints_become_limits_of_their_actuators(tmp_path: Path) -> No
     assert engine.model("actuator_forcelimited").tolist() == [1, 0, 1, 0]
     assert engine.model("actuator_forcerange")[0].tolist() == [-0.5, 0.5]
     assert file.exists()
+
+
+@pytest.mark.parametrize("told", ["{ left_1 = 1.5 }", "{ default = 1.5 }"])
+@pytest.mark.parametrize("kind", ["plugin", "pid"])
+def test_lost_actuator_is_not_missed_where_the_hand_file_tells_the_stiffness(
+    kind: str, told: str, tmp_path: Path
+) -> None:
+    lost = '<plugin name="knuckle" joint="left_1" plugin="mujoco.pid"/>' if kind == "plugin" else (
+        '<pid name="knuckle" joint="left_1"/>'
+    )  # fmt: skip
+    model = hand(
+        option='<extension><plugin plugin="mujoco.pid"/></extension>', actuator=lost + SERVOS[SERVOS.index("/>") + 2 :]
+    )
+    file = write_hand(tmp_path, model, sheet=f"[stiffness]\nservo_Nm_rad = {told}\n")
+    result = CliRunner().invoke(main, ["hand", "convert", str(file), "--out", str(tmp_path / "new")])
+    assert result.exit_code == 0, result.output
+    assert "actuator knuckle" in result.output and "is left out" in result.output
+    found = understand(tmp_path / "new" / "hand.toml").hand
+    assert [c.servo_Nm_rad for b in found.branches for c in b.coordinates] == [1.5, 2.0, 2.0, 2.0]
+
+
+SHEETS = {
+    'name = "new"\n  model = "hand.xml" # mine\n[contact]\nmodel = "soft_finger"\n': True,
+    "scene = 'hand.xml'\nname = \"new\"": True,
+    'name = "new"\n"model" = "hand.xml"\n[contact]\nmodel = "soft_finger"\n': False,
+}
+
+
+@pytest.mark.parametrize(("sheet", "taken"), SHEETS.items())
+def test_only_the_model_of_a_hand_file_changes(sheet: str, taken: bool, tmp_path: Path) -> None:
+    """Of a table's field of the same name nothing is taken; what cannot be told apart is refused."""
+    (tmp_path / "models").mkdir()
+    write_hand(tmp_path / "models", hand())
+    file = tmp_path / "sheet.toml"
+    file.write_text(sheet.replace("hand.xml", "models/hand.xml"))
+    if not taken:
+        with pytest.raises(AminnError, match="on a line of its own"):
+            convert_to(file, tmp_path / "new")
+        assert not (tmp_path / "new").exists()
+        return
+    new = convert_to(file, tmp_path / "new")
+    before, after = tomllib.loads(file.read_text()), tomllib.loads(new.read_text())
+    assert after.pop("model") == "hand.xml"
+    assert after == {key: value for key, value in before.items() if key not in ("model", "scene")}
 
 
 def test_what_does_not_matter_is_said(tmp_path: Path) -> None:
@@ -274,6 +333,15 @@ def test_meshes_of_a_package_are_found_above_the_urdf(tmp_path: Path) -> None:
     corners = "".join(f"v {x} {y} {z}\n" for x, y, z in ((0, 0, 0), (0.01, 0, 0), (0, 0.01, 0), (0, 0, 0.01)))
     (tmp_path / "my_hand" / "meshes" / "tip.obj").write_text(corners + "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
     assert {r.what: r.converted for r in convert(folder / "hand.urdf").rows}["colliders"] == "2"
+
+
+def test_impossible_inertia_of_a_urdf_is_said(tmp_path: Path) -> None:
+    model = urdf().replace('ixx="', 'ixx="1', 1)
+    assert model != urdf()
+    write_hand(tmp_path, model, "hand.urdf")
+    assert any("an inertia that no body has is replaced" in said for said in convert(tmp_path / "hand.urdf").warnings)
+    write_hand(tmp_path, urdf(), "hand.urdf")
+    assert not any("inertia" in said for said in convert(tmp_path / "hand.urdf").warnings)
 
 
 def test_package_is_asked_for_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
