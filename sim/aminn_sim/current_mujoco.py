@@ -31,7 +31,11 @@ def import_mujoco() -> ModuleType:
     if "mujoco" not in sys.modules:
         os.environ |= dict.fromkeys(("MUJOCO_GL", "PYOPENGL_PLATFORM"), "osmesa")
     try:
-        return importlib.import_module("mujoco")
+        try:
+            return importlib.import_module("mujoco")
+        except AttributeError:  # of PyOpenGL, which found no OSMesa: all but pictures is there without it
+            os.environ["MUJOCO_GL"] = "disabled"
+            return importlib.import_module("mujoco")
     except (ImportError, RuntimeError) as error:
         raise SimulationError(
             f"the package mujoco cannot be imported ({error}); install it (pip install 'aminn[mujoco]')"

@@ -344,6 +344,20 @@ def test_impossible_inertia_of_a_urdf_is_said(tmp_path: Path) -> None:
     assert not any("inertia" in said for said in convert(tmp_path / "hand.urdf").warnings)
 
 
+def test_needs_no_opengl(tmp_path: Path) -> None:
+    """Where no OSMesa is installed, only pictures are missing."""
+    write_hand(tmp_path, hand())
+    hide = (
+        "import ctypes.util\n"
+        "find = ctypes.util.find_library\n"
+        "ctypes.util.find_library = lambda name: None if 'OSMesa' in name else find(name)\n"
+        "from aminn_sim.convert import convert\n"
+        f"print(len(convert({str(tmp_path / 'hand.xml')!r}).rows) > 0)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", hide], capture_output=True, text=True, timeout=120)
+    assert done.stdout == "True\n", done.stderr[-500:]
+
+
 def test_package_is_asked_for_in_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = write_hand(tmp_path, hand())
     monkeypatch.setitem(sys.modules, "mujoco", None)
