@@ -20,21 +20,20 @@ from aminn_base.errors import AminnError
 from aminn_hand.hand import Hand
 
 from . import _core, mjcf_tree
-from .preload import skew
+from .scene import TIMESTEP_S, set_options, tool_geom
+from .statics import Contact, displacement, skew, surface_curvature, tangential
 from .understand import Understood
 
 Array = NDArray[np.float64]
 ARM_M = 0.1
 """A rotation of 1 rad counts as this many metres."""
 SCALE = np.array([1.0, 1.0, 1.0, ARM_M, ARM_M, ARM_M])
-TOOL = "aminn_ball"
 TOOL_MASS_KG = 0.05
 FRICTION = 1.0
 CONE_SHARE = 0.6
 """Of the friction cone that the contacts' forces may use before a load."""
 BASE_TENSION_N = 5.0
 """Of cables, so that none slackens under a small load."""
-TIMESTEP_S = 1e-3
 SETTLE_STEPS, MOST_SETTLES = 100, 20
 DRIFT_M_S = 1e-5
 LOAD_N, LOADS = 0.05, 12
@@ -44,26 +43,6 @@ MOST_HOLDING = 3
 RELAXATION_S = 0.01
 """Damping over stiffness of every joint: a load is over within a few of these, however the model is damped."""
 NEAR_M = 0.05
-TANGENT_M_N = 1e-9
-"""Sticking contacts do not give way in their plane (the engine's last iterations see to that)."""
-# MuJoCo's numbers of shapes.
-SPHERE, CAPSULE, ELLIPSOID, CYLINDER, BOX = 2, 3, 4, 5, 6
-
-
-@dataclass(frozen=True)
-class Contact:
-    """A settled contact of a branch."""
-
-    point: Array
-    """(3) m, H."""
-    normal: Array
-    """(3) unit, into the tool, H."""
-    force: Array
-    """(3) on the tool, N, H."""
-    compliance_m_N: float
-    """Of the contact along its normal: the engine's own."""
-    curvature: Array
-    """(3, 3) of the fingertip's surface there, 1/m, H."""
 
 
 @dataclass(frozen=True)
@@ -106,42 +85,20 @@ class Acceptance:
         return (self.errors("preloaded")[:, None] * shares).sum(0) / np.maximum(shares.sum(0), 1e-30)
 
 
-def _scene(understood: Understood, radius_m: float, friction: float) -> str:
-    """The hand with a ball, under the simulation's own solver options and contact softness, without gravity."""
+def _scene(understood: Understood, radius_m: float, friction: float) -> tuple[str, str]:
+    """The hand with a ball, the palm standing still, without gravity: the text, and what the ball is called."""
     root = copy.deepcopy(understood.root)
-    for tag in ("option", "size", "visual", "statistic", "sensor", "keyframe"):
-        for element in root.findall(tag):
-            root.remove(element)
-    option = ET.SubElement(
-        root, "option", timestep=str(TIMESTEP_S), integrator="implicit", cone="elliptic", impratio="100"
-    )
-    for key, value in (("solver", "Newton"), ("iterations", "50"), ("tolerance", "1e-10"), ("gravity", "0 0 0")):
-        option.set(key, value)
-    option.set("noslip_iterations", "30")
-    option.set("noslip_tolerance", "1e-10")
-    ET.SubElement(root, "size", njmax="2000", nconmax="400")
+    set_options(root, gravity="0 0 0")
     _damp(root, understood.hand)
-    world = mjcf_tree.section(root, "worldbody")
-    body = ET.SubElement(world, "body", name=TOOL, pos="0 0 0")
-    ET.SubElement(body, "freejoint", name=TOOL)
+    ball = f"{understood.parts.prefix}ball"
+    body = ET.SubElement(mjcf_tree.section(root, "worldbody"), "body", name=ball, pos="0 0 0")
+    ET.SubElement(body, "freejoint", name=ball)
     inertia = f"{0.4 * TOOL_MASS_KG * radius_m**2:.9g}"
     ET.SubElement(body, "inertial", pos="0 0 0", mass=str(TOOL_MASS_KG), diaginertia=" ".join([inertia] * 3))
-    geom = ET.SubElement(
-        body, "geom", name=TOOL, type="sphere", size=f"{radius_m:.9g}", contype="1", conaffinity="2147483647"
-    )
-    geom.set("contype", "2147483647")
-    geom.set("mass", "0")
-    for key, value in (
-        ("priority", "1000"),
-        ("condim", "3"),
-        ("friction", f"{friction} 0 0"),
-        ("solref", "0.004 1"),
-        ("solimp", "0.95 0.99 0.001 0.5 2"),
-        ("margin", str(NEAR_M)),
-        ("gap", str(NEAR_M)),
-    ):
-        geom.set(key, value)
-    return mjcf_tree.text_of(root)
+    geom = tool_geom(body, ball, f"{radius_m:.9g}", str(friction), str(TOOL_MASS_KG))
+    for key in ("margin", "gap"):
+        geom.set(key, str(NEAR_M))
+    return mjcf_tree.text_of(root), ball
 
 
 def _damp(root: ET.Element, hand: Hand) -> None:
@@ -164,7 +121,8 @@ class _Bench:
     def __init__(self, understood: Understood, radius_m: float) -> None:
         self.hand, self.radius = understood.hand, radius_m
         try:
-            self.engine = _core.Engine(_scene(understood, radius_m, FRICTION))
+            text, ball = _scene(understood, radius_m, FRICTION)
+            self.engine = _core.Engine(text, understood.assets)
         except _core.MujocoError as error:
             raise AminnError(f"the hand cannot be simulated with a ball: {error}") from error
         names = {kind: self.engine.names(kind) for kind in ("body", "joint", "geom", "tendon", "actuator")}
@@ -173,11 +131,11 @@ class _Bench:
         address, dof = array("jnt_qposadr"), array("jnt_dofadr")
         numbers = [names["joint"].index(j) for j in self.hand.joints]
         self.qpos, self.dof = address[numbers], dof[numbers]
-        tool = names["joint"].index(TOOL)
+        tool = names["joint"].index(ball)
         self.tool_qpos, self.tool_dof = int(address[tool]), int(dof[tool])
-        self.tool_body, self.palm = names["body"].index(TOOL), names["body"].index(understood.palm)
+        self.tool_body, self.palm = names["body"].index(ball), names["body"].index(understood.palm)
         self.branch_of = [next((b for b, t in enumerate(understood.tips) if g in t), -1) for g in names["geom"]]
-        self.tool_geom = names["geom"].index(TOOL)
+        self.tool_geom = names["geom"].index(ball)
         self.nq, self.nv = len(array("qpos0")), len(array("dof_bodyid"))
         self.geom_type, self.geom_size = array("geom_type"), array("geom_size")
         self.servo = self._servos()
@@ -392,81 +350,17 @@ def _contacts(bench: _Bench, chosen: tuple[int, ...]) -> dict[int, Contact] | No
             normal,
             sign * (c["force"] @ frame),
             float(eps),
-            _curvature(bench, other, c["point"]),
+            _curvature(bench, other, bench.to_palm(c["point"])) + tangential(normal) / bench.radius,
         )
     return {b: out[b] for b in chosen} if len(out) == len(chosen) else None
 
 
 def _curvature(bench: _Bench, geom: int, point: Array) -> Array:
-    """(3, 3) of a tip's surface at a world point, 1/m, H; flat and meshed surfaces count as flat."""
-    kind, size = int(bench.geom_type[geom]), bench.geom_size[geom]
-    R = bench.engine.data("geom_xmat")[geom].reshape(3, 3)
-    y = R.T @ (point - bench.engine.data("geom_xpos")[geom])
-    if kind == SPHERE:
-        inverse, gradient = np.ones(3) / size[0] ** 2, y / size[0] ** 2
-    elif kind == ELLIPSOID:
-        inverse, gradient = 1 / size**2, y / size**2
-    elif kind in (CAPSULE, CYLINDER) and abs(y[2]) < size[1] * 0.999:
-        inverse, gradient = np.array([1.0, 1.0, 0.0]) / size[0] ** 2, np.array([y[0], y[1], 0]) / size[0] ** 2
-    elif kind == CAPSULE:
-        end = y - np.array([0, 0, np.sign(y[2]) * size[1]])
-        inverse, gradient = np.ones(3) / size[0] ** 2, end / size[0] ** 2
-    else:
-        return np.zeros((3, 3))
-    length = float(np.linalg.norm(gradient))
-    if length == 0:
-        return np.zeros((3, 3))
-    n = gradient / length
-    tangent = np.eye(3) - np.outer(n, n)
-    world = R @ (tangent @ np.diag(inverse) @ tangent / length) @ R.T
-    return np.asarray(bench.palm_R.T @ world @ bench.palm_R)
-
-
-def statics(
-    hand: Hand, q: Array, centre: Array, radius_m: float, contacts: dict[int, Contact], w_e: Array, preload: bool
-) -> Array:
-    """Displacement (6) under a small load w_e (6), with the changes that the contact forces bring or without.
-
-    The unknowns are dx (6), dq (J) and the changes of the contact forces (B x 3); derived in `preload`.
-    """
-    n_joint = len(q)
-    size = 6 + n_joint + 3 * len(contacts)
-    system, right = np.zeros((size, size)), np.zeros(size)
-    right[:6] = -w_e
-    turn = slice(3, 6)
-    for at, branch in zip(
-        hand.branch_joints, hand.branches, strict=True
-    ):  # those without a contact stay where they are
-        free = slice(6 + at.start, 6 + at.stop)
-        system[free, free] += branch.stiffness()
-    for k, (b, contact) in enumerate(contacts.items()):
-        branch, at = hand.branches[b], hand.branch_joints[b]
-        r, f = contact.point - centre, contact.force
-        A = np.concatenate([np.eye(3), -skew(r)], 1)
-        B = branch.jacobian(q[at], contact.point)
-        dq, df = slice(6 + at.start, 6 + at.stop), slice(6 + n_joint + 3 * k, 9 + n_joint + 3 * k)
-        system[:6, df] += A.T
-        system[dq, df] += B.T
-        system[df, :6] += A
-        system[df, dq] -= B
-        if not preload:
-            system[df, df] += contact.compliance_m_N * np.eye(3)
-            continue
-        system[df, df] += contact.compliance_m_N * np.outer(contact.normal, contact.normal) + TANGENT_M_N * np.eye(3)
-        axes, anchors, _, _ = branch.pose(q[at])
-        ways = contact.point - anchors
-        tangent = np.eye(3) - np.outer(contact.normal, contact.normal)
-        both = tangent @ (contact.curvature + tangent / radius_m) @ tangent
-        roll = np.linalg.pinv(both, rcond=1e-9) @ skew(contact.normal)
-        by_joints, by_tool = roll @ axes.T, -roll
-        system[turn, turn] += -skew(f) @ (by_tool - skew(r))
-        system[turn, dq] += -skew(f) @ by_joints
-        order = [[(min(i, j), max(i, j)) for j in range(len(axes))] for i in range(len(axes))]
-        change = np.array([[-f @ np.cross(axes[i], np.cross(axes[j], ways[j])) for i, j in row] for row in order])
-        lever = np.cross(f, axes)
-        system[dq, dq] += -change + lever @ by_joints
-        system[dq, turn] += lever @ by_tool
-    return np.asarray(np.linalg.lstsq(system, right, rcond=1e-12)[0][:6])
+    """(3, 3) of a fingertip's surface at a point, H."""
+    e = bench.engine
+    R = bench.palm_R.T @ e.data("geom_xmat")[geom].reshape(3, 3)
+    position = bench.to_palm(e.data("geom_xpos")[geom])
+    return surface_curvature(int(bench.geom_type[geom]), bench.geom_size[geom], position, R, point)
 
 
 def _displacement(before: tuple[Array, Array], after: tuple[Array, Array]) -> Array:
@@ -596,14 +490,14 @@ def _load(bench: _Bench, rng: np.random.Generator, contacts: dict[int, Contact],
             found.lost += 1
             continue
         simulated = held @ _displacement((centre, R), bench.tool_pose())
-        formula, preloaded = (held @ statics(hand, q, centre, bench.radius, contacts, w_e, p) for p in (False, True))
+        formula, preloaded = (held @ displacement(hand, q, centre, contacts, w_e, p) for p in (False, True))
         found.trials.append(Trial(simulated, formula, preloaded, _shares(hand, q, centre, contacts, w_e)))
 
 
 def _shares(hand: Hand, q: Array, centre: Array, contacts: dict[int, Contact], w_e: Array) -> Array:
     """(B) share of each branch in the change of contact forces under a load."""
     size = np.zeros(len(hand.branches))
-    dx = statics(hand, q, centre, 1.0, contacts, w_e, False)
+    dx = displacement(hand, q, centre, contacts, w_e, False)
     for b, c in contacts.items():
         branch = hand.branches[b]
         B = branch.jacobian(q[hand.branch_joints[b]], c.point)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+from itertools import combinations
 from pathlib import Path
 
 import jinja2
@@ -16,7 +17,7 @@ from aminn_base.read import AnyPath, read_json
 
 from .quality import noise_figures
 from .read import Array, SimulatedData, read_data
-from .schema import GROUPS, Field
+from .schema import Field, groups_of
 
 BLUE = "#2563a8"
 BINS = 40
@@ -189,7 +190,7 @@ def _loads(data: SimulatedData) -> dict:
     both = kinds["both"]
     if both.any():
         rows.append(["both", int(both.sum()), "", "", "", "", _percent(float(stable[both].mean()))])
-    text = "Directions are those of H, where z runs along the straight fingers and y from the thumb to the fingers."
+    text = "Directions are those of the palm frame H."
     table = _table(["load", "cases", "least", "median", "greatest", "", "stable"], rows)
     return _section("Stable share by load", text, figure, [table])
 
@@ -244,10 +245,13 @@ def _quality(data: SimulatedData) -> dict:
 
 def _coverage(data: SimulatedData) -> dict:
     """The sampled synergy space, pair by pair."""
-    psi, names = data.grasps["psi"], ("size", "spread", "curl")
+    synergy = data.hand.synergy
+    assert synergy is not None
+    psi, names, ranges = data.grasps["psi"], synergy.axes, synergy.ranges
+    pairs = list(combinations(range(len(names)), 2)) or [(0, 0)]
     figure = Figure((10, 3.2), layout="constrained")
-    families, ranges = data.manifest["tool_families"], data.manifest["hand"]["synergy"]["ranges"]
-    for axes, (i, j) in zip(figure.subplots(1, 3), ((0, 1), (0, 2), (1, 2)), strict=True):
+    families = data.manifest["tool_families"]
+    for axes, (i, j) in zip(figure.subplots(1, len(pairs), squeeze=False)[0], pairs, strict=True):
         for index, family in enumerate(families):
             mine = data.grasps["tool_family"] == index
             if mine.any():
@@ -324,7 +328,7 @@ def _variables(data: SimulatedData) -> dict:
     names, columns = {"reason": data.manifest["reasons"], "tool_family": data.manifest["tool_families"]}, 5
     shown = [
         (name, field, *part)
-        for group, fields in GROUPS.items()
+        for group, fields in groups_of(data.hand).items()
         for name, field in fields.items()
         if len(arrays[group].get(name, ()))
         for part in _parts(name if group == "samples" else f"{group}/{name}", field, arrays[group][name])

@@ -8,24 +8,23 @@ from . import _core
 from .config import SimulationConfig
 from .current_mujoco import CurrentGrasp, import_mujoco
 from .errors import SimulationError
-from .hand_file import HandFile
+from .open_hand import OpenHand
 from .theory import relative_error
 
 
-def crosscheck(config: SimulationConfig, hand_file: HandFile, seed: int, grasps: int = 40, cases: int = 4) -> dict:
+def crosscheck(config: SimulationConfig, opened: OpenHand, seed: int, grasps: int = 40, cases: int = 4) -> dict:
     """Flat figures `current_mujoco_*` over the stable cases of fresh grasps, the tool families in turn.
 
     Relative differences are taken as errors against the formula are (rotations by an arm of 0.1 m). `rest_shift_m` is
     how far a tool moves, unloaded, when its settled grasp goes on in the other version.
     """
-    simulator, options, families = hand_file.simulator(), config.options(), config.family_indices()
-    torsional = hand_file.as_dict()["torsional_friction_m"]
+    simulator, options, families = opened.simulator(), config.options(), config.family_indices()
     differences: dict[int, list[float]] = {family: [] for family in families}
     shifts = []
     for index in range(grasps):
         family = families[index % len(families)]
         session = _core.Session(simulator, options, seed, 0, index, index, [family])
-        other = CurrentGrasp(hand_file.scene, session.scene(), torsional)
+        other = CurrentGrasp(opened, session.scene())
         shifts.append(float(np.linalg.norm(other.load(np.zeros(6), config.ramp_s, config.hold_s)[:3])))
         for _ in range(cases):
             case = session.next_case()

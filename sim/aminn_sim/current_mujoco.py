@@ -10,7 +10,6 @@ from __future__ import annotations
 import importlib
 import os
 import sys
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -18,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .errors import SimulationError
+from .open_hand import OpenHand
 
 Array = NDArray[np.float64]
 
@@ -63,20 +63,24 @@ def rotation_matrix(vector: Array) -> Array:
 class CurrentGrasp:
     """One grasp, set up in the current MuJoCo from the MJCF and from what `Session.scene` gives."""
 
-    def __init__(self, scene_file: Path, scene: dict, torsional_friction_m: float = 0.0, offscreen: int = 0) -> None:
-        """`torsional_friction_m` above 0 makes soft fingers; `offscreen` pixels a side make room for pictures."""
+    def __init__(self, opened: OpenHand, scene: dict, offscreen: int = 0) -> None:
+        """`offscreen` pixels a side make room for pictures."""
         self.mujoco = import_mujoco()
+        understood = opened.understood
+        parts = understood.parts
         try:
-            spec = self.mujoco.MjSpec.from_file(str(scene_file))
+            spec = self.mujoco.MjSpec.from_string(understood.scene, assets=understood.assets)
             self._set_options(spec)
-            self._set_tool(spec, scene, torsional_friction_m)
+            self._set_tool(spec, f"{parts.prefix}tool", scene, opened.hand.contact.torsional_friction_m)
             if offscreen:
                 spec.visual.global_.offwidth = spec.visual.global_.offheight = offscreen
             self.model = spec.compile()
-            self.palm, self.tool = (self.model.body(name).id for name in ("palm", "tool"))
+            self.palm, self.tool = (self.model.body(name).id for name in (parts.palm, f"{parts.prefix}tool"))
+            joints = [self.model.joint(name).id for name in opened.hand.joints]
+            self.addresses = self.model.jnt_qposadr[joints]
         except (ValueError, KeyError) as error:  # what the parser and the compiler raise
             raise SimulationError(
-                f"{scene_file}: MuJoCo {self.mujoco.__version__} does not take this model: {error}"
+                f"{understood.source}: MuJoCo {self.mujoco.__version__} does not take this model: {error}"
             ) from error
         self.data = self.mujoco.MjData(self.model)
         self.scene = scene
@@ -89,15 +93,14 @@ class CurrentGrasp:
         if options.integrator == integrators.mjINT_DISCRETE:  # with noslip it pushes an unloaded tool out of the hand
             options.integrator = integrators.mjINT_IMPLICIT
 
-    def _set_tool(self, spec: Any, scene: dict, torsional_friction_m: float) -> None:
+    def _set_tool(self, spec: Any, name: str, scene: dict, torsional_friction_m: float) -> None:
         """Shape, mass, inertia and friction of the tool; the first geoms of the model's tool become its primitives."""
-        body = spec.body("tool")
+        body = spec.body(name)
         geoms = list(body.geoms)
         for geom, wanted in zip(geoms, scene["tool_geoms"], strict=False):
             geom.type = self.mujoco.mjtGeom(int(wanted["type"]))
             geom.size, geom.pos, geom.quat = wanted["size"], wanted["pos"], wanted["quat"]
             geom.alt.type = self.mujoco.mjtOrientation.mjORIENTATION_QUAT
-            geom.conaffinity = 1
             geom.friction[0] = scene["friction"]
             if torsional_friction_m > 0:
                 geom.condim, geom.friction[1] = 4, torsional_friction_m
@@ -155,9 +158,7 @@ class CurrentGrasp:
         self.mujoco.mj_kinematics(self.model, data)
         palm, origin = data.xmat[self.palm].reshape(3, 3), data.xpos[self.palm]
         free = self.model.body_jntadr[self.tool]
-        hinges = range(free - len(q), free)  # of the fingers: after the palm's joints and before the tool's
-        for joint, angle in zip(hinges, q, strict=True):
-            data.qpos[self.model.jnt_qposadr[joint]] = angle
+        data.qpos[self.addresses] = q
         start = self.model.jnt_qposadr[free]
         data.qpos[start : start + 3] = origin + palm @ position
         quaternion = np.zeros(4)

@@ -12,12 +12,12 @@ import numpy as np
 
 from aminn_base.files import check_outputs, write_json
 from aminn_base.program import Messages
-from aminn_hand.flat import flat
 
 from . import _core
 from .config import SimulationConfig
 from .crosscheck import crosscheck
-from .hand_file import HandFile, read_hand_file
+from .errors import SimulationError
+from .open_hand import OpenHand, open_hand
 from .quality import dataset_figures, waiting_figures
 from .read import SimulatedData, read_data
 from .theory import Grasp, compliance_figures, dataset_errors, over_grasps, preload_figures, slack_figures
@@ -25,32 +25,38 @@ from .theory import Grasp, compliance_figures, dataset_errors, over_grasps, prel
 COVERAGE_CELLS = 8  # along each synergy axis
 
 
-def synergy_figures(hand: HandFile, simulator: _core.Simulator, data: SimulatedData) -> dict[str, float]:
+def synergy_figures(simulator: _core.Simulator, data: SimulatedData) -> dict[str, float]:
     """Round trip psi -> q -> psi and q -> psi -> q inside the subspace, and how much of the range the grasps fill."""
+    assert data.hand.synergy is not None
     rng = np.random.default_rng(0)
-    psi = rng.uniform(*hand.ranges.T, (2000, 3))
+    low, high = np.array(data.hand.synergy.ranges).T
+    psi = rng.uniform(low, high, (2000, len(low)))
     q = np.stack([simulator.posture_of(x) for x in psi])
     back = np.stack([simulator.psi_of(x) for x in q])
     again = np.stack([simulator.posture_of(x) for x in back])
-    low, high = hand.ranges.T
     cell = np.clip((data.grasps["psi"] - low) / (high - low) * COVERAGE_CELLS, 0, COVERAGE_CELLS - 1).astype(int)
     return {
         "synergy_round_trip_psi_max": float(np.abs(back - psi).max()),
         "synergy_round_trip_q_rad_max": float(np.abs(again - q).max()),
-        "synergy_cells": float(COVERAGE_CELLS**3),
-        "synergy_cells_filled_share": len(np.unique(cell, axis=0)) / COVERAGE_CELLS**3,
+        "synergy_cells": float(COVERAGE_CELLS ** len(low)),
+        "synergy_cells_filled_share": len(np.unique(cell, axis=0)) / COVERAGE_CELLS ** len(low),
     }
 
 
 def speed_figures(
-    simulator: _core.Simulator, config: SimulationConfig, grasps: int = 16, cases: int = 8, rounds: int = 5
+    opened: OpenHand,
+    simulator: _core.Simulator,
+    config: SimulationConfig,
+    grasps: int = 16,
+    cases: int = 8,
+    rounds: int = 5,
 ) -> dict[str, float]:
     """The label protocol against the engine alone on the same steps; two threads against one, taken in turn."""
 
     def timed(grasp: Grasp) -> dict[str, float]:
         return grasp.session.speed(cases)
 
-    parts = over_grasps(simulator, config, grasps, 1, timed)
+    parts = over_grasps(opened.hand, simulator, config, grasps, 1, timed)
     steps, protocol, bare = (sum(p[k] for p in parts) for k in ("steps", "protocol_s", "bare_s"))
     rates: dict[int, list[float]] = {1: [], 2: []}
     for _ in range(rounds):
@@ -74,20 +80,26 @@ def speed_figures(
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Report to write (JSON).")
 @click.option("--grasps", type=click.IntRange(4), default=240, show_default=True, help="Fresh grasps for the theory.")
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Seed of the fresh grasps.")
-def main(data: Path, out: Path, grasps: int, seed: int) -> None:
+@click.option("--hand", type=click.Path(path_type=Path), help="Hand file of the data set; default: the built-in hand.")
+def main(data: Path, out: Path, grasps: int, seed: int, hand: Path | None) -> None:
     """Hold theory against simulation, judge a data set's labels, and time the simulation."""
     check_outputs([out], [data])
-    hand, threads = read_hand_file(), len(os.sched_getaffinity(0))
-    simulator, config, simulated = hand.simulator(), SimulationConfig(seed=seed), read_data(data)
+    opened, threads = open_hand(hand), len(os.sched_getaffinity(0))
+    simulator, config, simulated = opened.simulator(), SimulationConfig(seed=seed), read_data(data)
+    if simulated.hand != opened.hand:
+        raise SimulationError(f"{data}: of another hand than {opened.path}; tell its hand file (--hand)")
+    shape = opened.hand
     parts: dict[str, Callable[[], dict]] = {
-        "speed": lambda: speed_figures(simulator, config),
+        "speed": lambda: speed_figures(opened, simulator, config),
         "data set": lambda: dataset_figures(simulated),
-        "synergy space": lambda: synergy_figures(hand, simulator, simulated),
-        "theory, small loads": lambda: compliance_figures(simulator, config, grasps, threads),
-        "theory, by pinch force": lambda: preload_figures(simulator, config, grasps // 6, threads),
-        "theory, all loads": lambda: dataset_errors(flat(simulated.hand), simulated.samples, simulated.grasps),
-        "slackening tendons": lambda: slack_figures(simulator, config, grasps // 2, threads),
-        "current MuJoCo": lambda: crosscheck(config, hand, seed),
+        "synergy space": lambda: synergy_figures(simulator, simulated),
+        "theory, small loads": lambda: compliance_figures(shape, simulator, config, grasps, threads),
+        "theory, by pinch force": lambda: preload_figures(shape, simulator, config, grasps // 6, threads),
+        "theory, all loads": lambda: dataset_errors(simulated.hand, simulated.samples, simulated.grasps),
+        "slackening tendons": lambda: (
+            slack_figures(shape, simulator, config, grasps // 2, threads) if shape.dims.gates else {}
+        ),
+        "current MuJoCo": lambda: crosscheck(config, opened, seed),
         "waiting longer": lambda: waiting_figures(simulator, config, threads, grasps // 2, 10),
     }
     figures: dict[str, float | str] = {}

@@ -27,7 +27,7 @@ from . import _core
 from .config import SimulationConfig
 from .current_mujoco import CurrentGrasp, import_mujoco
 from .errors import SimulationError
-from .hand_file import HandFile, read_hand_file
+from .open_hand import OpenHand, open_hand
 from .read import SimulatedData, read_data
 from .simulate import config_sha256
 
@@ -66,8 +66,8 @@ def gallery(folder: AnyPath, count: int, hand: AnyPath | None = None) -> Path:
     set is of another configuration or version, and where the renderer cannot be used.
     """
     folder = Path(folder)
-    data, hand_file = read_data(folder), read_hand_file(hand)
-    config, simulator = _config(folder, data, hand_file), hand_file.simulator()
+    data, opened = read_data(folder), open_hand(hand)
+    config, simulator = _config(folder, data, opened), opened.simulator()
     out, unfinished = folder / "gallery", folder / "gallery.unfinished"
     with locked_folder(folder):
         shutil.rmtree(unfinished, ignore_errors=True)
@@ -75,7 +75,7 @@ def gallery(folder: AnyPath, count: int, hand: AnyPath | None = None) -> Path:
             unfinished.mkdir()
             with offscreen() as screen:
                 entries = [
-                    _draw(data, config, hand_file, simulator, row, unfinished, screen) for row in choose(data, count)
+                    _draw(data, config, opened, simulator, row, unfinished, screen) for row in choose(data, count)
                 ]
             page = _TEMPLATE.render(entries=entries, manifest=data.manifest, version=import_mujoco().__version__)
             (unfinished / "index.html").write_text(page, encoding="utf-8")
@@ -91,16 +91,16 @@ def gallery(folder: AnyPath, count: int, hand: AnyPath | None = None) -> Path:
     return out / "index.html"
 
 
-def _config(folder: Path, data: SimulatedData, hand_file: HandFile) -> SimulationConfig:
+def _config(folder: Path, data: SimulatedData, opened: OpenHand) -> SimulationConfig:
     """The configuration of a data set that this version, with this hand, makes in the same way."""
     try:
         config = SimulationConfig(**data.manifest["config"])
-        same = config_sha256(config, hand_file) == data.manifest["config_sha256"]
+        same = config_sha256(config, opened) == data.manifest["config_sha256"]
     except (TypeError, KeyError):  # a field that this version does not have, or that the manifest lacks
         same = False
     if not same:
         raise SimulationError(
-            f"{folder}: was simulated by another version or with another hand than {hand_file.path}; simulate it again"
+            f"{folder}: was simulated by another version or with another hand than {opened.path}; simulate it again"
         )
     return config
 
@@ -121,7 +121,7 @@ def choose(data: SimulatedData, count: int) -> list[int]:
 def _draw(
     data: SimulatedData,
     config: SimulationConfig,
-    hand_file: HandFile,
+    opened: OpenHand,
     simulator: _core.Simulator,
     row: int,
     out: Path,
@@ -132,9 +132,7 @@ def _draw(
     number = int(sample["grasp_id"])
     shard, index = divmod(number, config.shard_grasps)
     session = _core.Session(simulator, config.options(), config.seed, shard, index, number, config.family_indices())
-    grasp = CurrentGrasp(
-        hand_file.scene, session.scene(), hand_file.as_dict()["torsional_friction_m"], offscreen=PIXELS * FINER
-    )
+    grasp = CurrentGrasp(opened, session.scene(), offscreen=PIXELS * FINER)
     before = _pose(grasp, sample["q"])
     after = _loaded(grasp, sample)
     reference = max(float(np.linalg.norm(p.contact_forces, axis=1).max(initial=0.0)) for p in (before, after))

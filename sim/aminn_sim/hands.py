@@ -14,20 +14,14 @@ from aminn_base.errors import AminnError
 from aminn_base.files import write_json
 
 from .hand_check import Figures, check
-from .hand_file import default_hand_file
-
-
-def shipped() -> list[Path]:
-    """The built-in hand's file, and those of the other shapes."""
-    models = default_hand_file().parent
-    return [models / "hand.toml", *sorted((models / "hands").glob("*.toml"))]
+from .open_hand import shipped_hands
 
 
 def figures(pinch_N: float, grasps: int, progress: tqdm) -> Figures:
     """Flat figures, `HAND_KEY`; "aims_missed" names the hands that are not accepted."""
     out: Figures = {}
     missed = []
-    for file in shipped():
+    for file in shipped_hands():
         done = check(file, pinch_N, grasps, echo=progress.write)
         name = done.understood.hand.name
         out |= {f"{name}_{key}": value for key, value in done.figures().items() if key != "hand"}
@@ -44,7 +38,7 @@ def figures(pinch_N: float, grasps: int, progress: tqdm) -> Figures:
 def main(out: Path, pinch: float, grasps: int) -> None:
     """Check the description of every hand that comes with the project."""
     try:
-        with tqdm(total=len(shipped()), unit="hand", disable=None) as progress:
+        with tqdm(total=len(shipped_hands()), unit="hand", disable=None) as progress:
             found = figures(pinch, grasps, progress)
     except AminnError as error:
         raise click.ClickException(str(error)) from error

@@ -1,49 +1,74 @@
-"""An MJCF file as one text without includes, for the engine to compile from memory, and edits of it.
+"""An MJCF model as one tree without includes, for the engine to compile from memory, and edits of it.
 
-A hand's own file is never changed: what the hand file tells (locked joints, dropped friction, servos, couplings) and
-what a check adds (a tool, the solver's options) is written into the text.
+Every file that the model is made of is read once: the engine gets these bytes and can open no others. A hand's own
+files are never changed: what the hand file tells (locked joints, dropped friction, servos, couplings) and what a
+simulation adds (a base, a tool, the solver's options) is written into the tree.
 """
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from aminn_base.errors import AminnError
 
 Element = ET.Element
-# Elements whose `file` is an asset, and the compiler's attribute that names its folder.
-ASSET_FOLDERS = {"mesh": "meshdir", "hfield": "meshdir", "skin": "meshdir", "texture": "texturedir"}
+FOLDERS = {"texture": ("texturedir", "assetdir"), "": ("meshdir", "assetdir")}
+"""Attributes of <compiler> that say where files of an element lie; "" stands for all others."""
+NAMED_BY_FILE = ("mesh", "hfield", "skin", "texture")
+"""Assets that are called after their file where they have no name."""
 
 
-def _parse(path: Path, seen: tuple[Path, ...] = ()) -> Element:
+@dataclass
+class Model:
+    """A model and the files that it is made of."""
+
+    root: Element
+    """Refers to assets by the names of `assets`."""
+    assets: dict[str, bytes] = field(default_factory=dict)
+    """What the engine is given beside the text."""
+    files: dict[Path, bytes] = field(default_factory=dict)
+    """Every file that was read, as it was then."""
+
+
+def _read(path: Path, files: dict[Path, bytes]) -> bytes:
     try:
-        root = ET.parse(path).getroot()
+        return files.setdefault(path, path.read_bytes())
     except OSError as error:
         raise AminnError(f"{path}: cannot be read ({error.strerror})") from error
-    except ET.ParseError as error:
+
+
+def _parse(path: Path, files: dict[Path, bytes], seen: tuple[Path, ...] = ()) -> Element:
+    content = _read(path, files)
+    try:
+        root = ET.fromstring(content)
+    except (ET.ParseError, ValueError, LookupError) as error:
         raise AminnError(f"{path}: not XML ({error})") from error
-    if path in seen:
+    if path.resolve() in seen:
         raise AminnError(f"{path}: includes itself")
+    for element in root.iter():  # the engine's own parser does not mind the case of a tag
+        element.tag = element.tag.lower()
     return root
 
 
-def _expanded(element: Element, folder: Path, seen: tuple[Path, ...]) -> Iterator[Element]:
+def _expanded(element: Element, folder: Path, files: dict[Path, bytes], seen: tuple[Path, ...]) -> Iterator[Element]:
     """The element, or what its include stands for; paths of includes are relative to the main file, as in MuJoCo."""
     if element.tag == "include":
-        path = (folder / element.get("file", "")).resolve()
-        for child in _parse(path, seen):
-            yield from _expanded(child, folder, (*seen, path))
+        path = folder / element.get("file", "")
+        for child in _parse(path, files, seen):
+            yield from _expanded(child, folder, files, (*seen, path.resolve()))
         return
-    children = [c for child in list(element) for c in _expanded(child, folder, seen)]
+    children = [c for child in list(element) for c in _expanded(child, folder, files, seen)]
     element[:] = children
     yield element
 
 
-def read_mjcf(path: Path, hand_file: Path | None = None) -> Element:
-    """The model as one tree: includes are expanded, files of assets have absolute paths. Raises AminnError."""
-    root = _parse(path)
+def read_mjcf(path: Path, hand_file: Path | None = None) -> Model:
+    """The model in `path`: includes are expanded, assets are read. Raises AminnError that names a file."""
+    files: dict[Path, bytes] = {}
+    root = _parse(path, files)
     if root.tag == "robot":
         raise AminnError(
             f"{path}: a URDF; aminn hand convert {hand_file or path} --out FOLDER makes an MJCF of it, without the "
@@ -51,17 +76,25 @@ def read_mjcf(path: Path, hand_file: Path | None = None) -> Element:
         )
     if root.tag != "mujoco":
         raise AminnError(f"{path}: <{root.tag}> is no MuJoCo model; an MJCF file begins with <mujoco>")
-    next(_expanded(root, path.parent, (path.resolve(),)))
-    folders: dict[str, str] = {}
+    next(_expanded(root, path.parent, files, (path.resolve(),)))
+    model = Model(root, files=files)
+    told: dict[str, list[str]] = {key: [] for keys in FOLDERS.values() for key in keys}
     for compiler in root.iter("compiler"):
-        folders |= {
-            key: compiler.attrib.pop(key) for key in ("meshdir", "texturedir", "assetdir") if key in compiler.keys()
-        }
+        for key in [k for k in compiler.keys() if k in told or k == "strippath"]:
+            told.get(key, []).append(compiler.attrib.pop(key))
     for element in root.iter():
-        if element.tag in ASSET_FOLDERS and element.get("file"):
-            folder = folders.get(ASSET_FOLDERS[element.tag], folders.get("assetdir", ""))
-            element.set("file", str((path.parent / folder / element.get("file", "")).resolve()))
-    return root
+        folders = [f for key in FOLDERS.get(element.tag, FOLDERS[""]) for f in told[key]] or [""]
+        for key, name in [(k, v) for k, v in element.attrib.items() if k.startswith("file")]:
+            places = [path.parent / folder / n for folder in folders for n in (name, Path(name).name)]
+            found = next((p for p in places if p.is_file()), None)
+            if found is None:
+                raise AminnError(f"{path}: <{element.tag}> names the file {name}, which is not there ({places[0]})")
+            own = f"{len(model.assets)}_{found.name[-80:]}"
+            model.assets[own] = _read(found, files)
+            element.set(key, own)
+            if element.tag in NAMED_BY_FILE and key == "file" and not element.get("name"):
+                element.set("name", Path(name).stem)
+    return model
 
 
 def text_of(root: Element) -> str:

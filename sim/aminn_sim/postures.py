@@ -18,13 +18,18 @@ Array = NDArray[np.float64]
 RADII_M = (0.008, 0.0122, 0.0165, 0.0208, 0.025)
 """Of tools, as `SimulationConfig` draws them by default."""
 HEIGHTS_M = (-0.005, 0.0, 0.005)
+SHIFTS_M = (0.0, 0.004, -0.004, 0.008, -0.008)
+"""Along the pinch, tried in turn for a tool that is not reached in the middle."""
 CLEARANCE_M = 0.0025
 LIMIT_MARGIN_RAD = 0.05
 """Derived postures stay so far from the joints' limits."""
 LEAST_SHARE = 0.01
 """An axis that carries less of the postures' variance is left out."""
+SETTLED_M = 1e-7
 NEAR_M = 1.5e-3
 """A fingertip that stays farther from its place does not reach it."""
+LEAST_SINE = 0.2
+"""Directions that are nearer to each other do not tell what is square to both."""
 NAMES = ("size", "height", "spread")
 
 
@@ -39,21 +44,26 @@ def pinch_frame(hand: Hand, q: Array, tool_axis: Array) -> tuple[Array, Array]:
 
 
 def find_tool_axis(hand: Hand, q: Array) -> Array:
-    """(3) unit: along the wider side's fingertips at q (J), square to the pinch; of two branches square to the palm."""
+    """(3) unit, H: square to the pinch and to the last links of the wider side at q (J), so that a tool passes by them.
+
+    Where these links lie along the pinch, square to the palm normal instead. Raises AminnError where that does too.
+    """
     tips, (first, second) = hand.tips(q), hand.sides
     y = tips[list(first)].mean(0) - tips[list(second)].mean(0)
     y = y / np.linalg.norm(y)
-    wider = first if len(first) >= len(second) else second
-    spread = tips[list(wider)] - tips[list(wider)].mean(0)
-    spread = spread - np.outer(spread @ y, y)
-    along = np.linalg.svd(spread)[2][0] if np.linalg.norm(spread) > 1e-3 else np.cross(y, hand.palm_normal)
-    if np.linalg.norm(along) < 1e-6:
-        raise AminnError(
-            f"hand {hand.name}: the pinch runs along the palm normal, so that the long axis of a tool does not "
-            "follow; tell tool_axis"
-        )
-    along = along - (along @ y) * y
-    return np.asarray(along * np.sign(along[np.argmax(np.abs(along))]) / np.linalg.norm(along))
+    links = []
+    for b in first if len(first) >= len(second) else second:
+        _, anchors, _, _ = hand.branches[b].pose(q[hand.branch_joints[b]])
+        links.append((tips[b] - anchors[-1]) / np.linalg.norm(tips[b] - anchors[-1]))
+    for way in (np.mean(links, axis=0), np.array(hand.palm_normal)):
+        axis = np.cross(y, way)
+        if np.linalg.norm(axis) > LEAST_SINE:
+            axis = axis / np.linalg.norm(axis)
+            return np.asarray(axis * np.sign(axis[np.argmax(np.abs(axis))])) + 0.0
+    raise AminnError(
+        f"hand {hand.name}: the pinch runs along the palm normal, so that the long axis of a tool does not follow; "
+        "tell tool_axis"
+    )
 
 
 def find_synergy(hand: Hand, closing: tuple[Array, Array], reach_m: Array) -> Synergy:
@@ -68,12 +78,12 @@ def find_synergy(hand: Hand, closing: tuple[Array, Array], reach_m: Array) -> Sy
     limits = low + margin, high - margin
     middle = np.clip(hand.coupled(0.5 * (closing[0] + closing[1])), *limits)
     centre, R = pinch_frame(hand, middle, np.array(hand.tool_axis))
-    found = [
-        q
-        for radius, height in product(RADII_M, HEIGHTS_M)
-        if (q := _reaching(hand, middle, centre + height * R[:, 2], R, radius + CLEARANCE_M + reach_m, limits))
-        is not None
-    ]
+    found = []
+    for radius, height in product(RADII_M, HEIGHTS_M):
+        distance = radius + CLEARANCE_M + reach_m
+        places = (centre + shift * R[:, 1] + height * R[:, 2] for shift in SHIFTS_M)
+        reached = (_reaching(hand, middle, place, R, distance, limits) for place in places)
+        found += [q for q in [next((q for q in reached if q is not None), None)] if q is not None]
     if len(found) < 2:
         if not (closing[1] - closing[0]).any():
             raise AminnError(
@@ -116,7 +126,7 @@ def _reaching(
     """The posture near q whose fingertips lie `distance_m` (B) to their side of `centre`, at its height; or None."""
     q, (first, _) = q.copy(), hand.sides
     side = np.array([1.0 if b in first else -1.0 for b in range(len(hand.branches))])
-    for _ in range(200):
+    for _ in range(100):
         off = (hand.tips(q) - centre) @ R
         missing = np.stack([side * distance_m - off[:, 1], -off[:, 2]], 1)  # along the pinch, and up
         for b, (branch, at) in enumerate(zip(hand.branches, hand.branch_joints, strict=True)):
@@ -128,6 +138,8 @@ def _reaching(
             step = free @ J.T @ np.linalg.solve(J @ J.T + 1e-6 * np.eye(2), missing[b])
             q[at] = q[at] + step * min(1.0, 0.1 / max(float(np.abs(step).max()), 1e-9))
         q = hand.coupled(np.clip(q, *limits))
+        if np.abs(missing).max() < SETTLED_M:
+            break
     reached = np.abs((hand.tips(q) - centre) @ R[:, 1] - side * distance_m).max() < NEAR_M
     inside = bool((q >= limits[0] - 1e-9).all() and (q <= limits[1] + 1e-9).all())
     return q if reached and inside else None

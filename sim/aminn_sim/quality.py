@@ -83,17 +83,23 @@ def _motions(data: SimulatedData, stable: Array) -> dict[str, float]:
 
 
 def _tendons(data: SimulatedData, stable: Array) -> dict[str, float]:
-    """Taut or slack, over the stable load cases: after the load, and changed by it."""
+    """Taut or slack, over the stable load cases: after the load, and changed by it; of cables alone."""
+    branches = data.hand.branches
+    loose = np.array([t.pull_only for b in branches for t in b.tendons], bool)
+    gated = np.array([i == b.gated_tendon for b in branches for i in range(len(b.tendons))], bool)
+    if not loose.any():
+        return {}
     before, after = data.of_grasp("tendon_tension_N") > 0, data.samples["tendon_tension_after_N"] > 0
-    proximal = after[stable][:, 0::2]
-    return {
-        "cases_with_a_slack_tendon_share": float((~after[stable]).any(1).mean()),
-        "cases_with_all_tendons_taut_share": float(after[stable].all(1).mean()),
-        "cases_tendon_changes_state_share": float((before != after).any(1)[stable].mean()),
-        "proximal_flexors_slack_share": float((~proximal).mean()),
-        "proximal_flexors_taut_share": float(proximal.mean()),
-        "distal_flexors_slack_share": float((~after[stable][:, 1::2]).mean()),
+    out = {
+        "cases_with_a_slack_tendon_share": float((~after[stable][:, loose]).any(1).mean()),
+        "cases_with_all_tendons_taut_share": float(after[stable][:, loose].all(1).mean()),
+        "cases_tendon_changes_state_share": float((before != after)[:, loose].any(1)[stable].mean()),
+        "gated_tendons_slack_share": float((~after[stable][:, gated]).mean()),
     }
+    others = loose & ~gated
+    if others.any():
+        out["other_tendons_slack_share"] = float((~after[stable][:, others]).mean())
+    return out
 
 
 def _quality(data: SimulatedData, stable: Array) -> dict[str, float]:

@@ -18,7 +18,7 @@ from aminn_base.read import AnyPath, read_json, require
 from aminn_hand.hand import Hand
 
 from .errors import SimulationError
-from .schema import GROUPS
+from .schema import groups_of
 
 Array = NDArray[np.float64]
 MANIFEST_KEYS: dict[str, type] = {
@@ -74,8 +74,8 @@ def read_data(folder: AnyPath) -> SimulatedData:
     try:
         manifest = read_json(folder / "manifest.json", "the manifest of a data set")
         require(folder / "manifest.json", manifest, MANIFEST_KEYS, "simulate the data set again")
-        Hand.from_dict(manifest["hand"])
-        groups: dict[str, list[dict[str, Array]]] = {group: [] for group in GROUPS}
+        schema = groups_of(Hand.from_dict(manifest["hand"]))
+        groups: dict[str, list[dict[str, Array]]] = {group: [] for group in schema}
         before = 0
         for shard in manifest["shards"]:
             content = read_shared(folder / shard["file"])
@@ -87,7 +87,7 @@ def read_data(folder: AnyPath) -> SimulatedData:
             groups["noise"][-1]["sample"] = groups["noise"][-1]["sample"] + before
             before += shard["n_samples"]
         joined = {g: {k: np.concatenate([p[k] for p in parts]) for k in parts[0]} for g, parts in groups.items()}
-        for group, fields in GROUPS.items():
+        for group, fields in schema.items():
             lengths = {name: joined[group][name].shape for name in fields}
             rows = {shape[:1] for shape in lengths.values()}
             wrong = [name for name, field in fields.items() if lengths[name][1:] != field.shape]

@@ -31,14 +31,14 @@ from aminn_base.errors import WriteError
 from aminn_base.files import refuse_inputs, write_atomically, write_json
 from aminn_base.lock import locked_folder, read_shared
 from aminn_base.read import AnyPath
+from aminn_hand.hand import Hand
 
 from . import _core
 from .config import TOOL_FAMILIES, SimulationConfig
 from .engines import Engine, ShardTask, find_engine
 from .errors import OutdatedDataError, SimulationError
-from .hand_file import HandFile, read_hand_file
-from .schema import GROUPS, SCHEMA_VERSION, Field, field_table
-from .understand import understand
+from .open_hand import OpenHand, open_hand
+from .schema import SCHEMA_VERSION, Field, field_table, groups_of
 
 # To be raised with every change of the C++ part that changes what is simulated.
 PROTOCOL_VERSION = 2
@@ -54,22 +54,22 @@ Arrays = dict[str, np.ndarray]
 
 def _open_simulator(config: SimulationConfig, digest: str, hand: Path | None) -> _core.Simulator:
     """The simulator of this machine, if it makes the data set of `digest`."""
-    hand_file = read_hand_file(hand)
-    if config_sha256(config, hand_file) != digest:
+    opened = open_hand(hand)
+    if config_sha256(config, opened) != digest:
         raise SimulationError(
             f"{platform.node()} has another version of the simulation or of the hand; install the same there"
         )
-    return hand_file.simulator()
+    return opened.simulator()
 
 
-def config_sha256(config: SimulationConfig, hand_file: HandFile) -> str:
+def config_sha256(config: SimulationConfig, opened: OpenHand) -> str:
     """Hash of everything that decides a shard's content but its number: configuration, hand, protocol."""
     content = {
         "schema_version": SCHEMA_VERSION,
         "protocol_version": PROTOCOL_VERSION,
         "simulator": simulator_name(),
         "config": {k: v for k, v in dataclasses.asdict(config).items() if k not in _NOT_IN_HASH},
-        "models": hand_file.model_hashes(),
+        "models": opened.model_hashes(),
     }
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
@@ -112,18 +112,18 @@ def simulate(
     if not 0 <= threads <= THREADS_MAX:
         raise SimulationError(f"threads is {threads}, expected 0 (all cores) to {THREADS_MAX}")
     run = find_engine(engine)
-    hand_file = read_hand_file(hand)
-    simulator = hand_file.simulator()
+    opened = open_hand(hand)
+    simulator = opened.simulator()
     check_options(config, simulator)
-    check_tools_fit(config, hand_file, simulator)
+    check_tools_fit(config, opened, simulator)
     report = None if report is None else Path(report)
-    refuse_inputs(report, [*hand_file.files(), *_own_files(config, out)])
+    refuse_inputs(report, [*opened.files(), *_own_files(config, out)])
     with ExitStack() as stack:
         _enter_folder(stack, out)
-        work = _Work(config, config_sha256(config, hand_file), out)
-        _check_room(out, sum(work.sizes[n] for n in work.todo) * config.cases)
-        work.run(run, threads or len(os.sched_getaffinity(0)), progress, hand_file.path if hand else None)
-        manifest = build_manifest(config, work.digest, understand(hand_file.path).hand.as_dict(), out, work.recorded)
+        work = _Work(config, config_sha256(config, opened), out, opened.hand)
+        _check_room(out, sum(work.sizes[n] for n in work.todo) * config.cases, opened.hand)
+        work.run(run, threads or len(os.sched_getaffinity(0)), progress, opened.path if hand else None)
+        manifest = build_manifest(config, work.digest, opened.hand, out, work.recorded)
         write_json(out / MANIFEST, manifest)
         (out / UNFINISHED).unlink(missing_ok=True)
         if report and work.todo:
@@ -134,8 +134,8 @@ def simulate(
 class _Work:
     """The shards of a data set in a folder that this process holds: which are there, and making the rest."""
 
-    def __init__(self, config: SimulationConfig, digest: str, out: Path) -> None:
-        self.config, self.digest, self.out = config, digest, out
+    def __init__(self, config: SimulationConfig, digest: str, out: Path, hand: Hand) -> None:
+        self.config, self.digest, self.out, self.hand = config, digest, out, hand
         self.sizes = shard_sizes(config)
         self.figures: dict[str, float | int | str] = {}
         _refuse_shards_beyond(out, config)
@@ -187,7 +187,7 @@ class _Work:
             "shard": task.number,
             "n_grasps": task.grasps,
         }
-        content, name = shard_bytes(result, attributes), shard_name(task.number)
+        content, name = shard_bytes(result, attributes, self.hand), shard_name(task.number)
         self.recorded[name] = hashlib.sha256(content).hexdigest()
         self._record()
         write_atomically(self.out / name, content)
@@ -251,13 +251,13 @@ def _recorded(out: Path) -> dict[str, str]:
     return found
 
 
-def check_tools_fit(config: SimulationConfig, hand_file: HandFile, simulator: _core.Simulator) -> None:
+def check_tools_fit(config: SimulationConfig, opened: OpenHand, simulator: _core.Simulator) -> None:
     """Raises SimulationError where the largest tool does not fit between the fingertips."""
-    gap = hand_file.largest_gap_m(simulator)
+    gap = opened.largest_gap_m(simulator)
     if 2 * config.radius_max_m > gap:
         raise SimulationError(
             f"configuration: radius_max_m {config.radius_max_m} makes tools larger than the hand's span: the "
-            f"fingertips of {hand_file.path} open to {gap:.4f} m at most; choose at most {gap / 2:.4f}"
+            f"fingertips of {opened.path} open to {gap:.4f} m at most; choose at most {gap / 2:.4f}"
         )
 
 
@@ -269,9 +269,9 @@ def check_options(config: SimulationConfig, simulator: _core.Simulator) -> None:
         raise SimulationError(f"configuration: {error}") from error
 
 
-def _check_room(out: Path, cases: int) -> None:
+def _check_room(out: Path, cases: int, hand: Hand) -> None:
     """Refuse before any work what the disk cannot hold; the estimate is the numbers of /samples alone."""
-    a_case = sum(np.dtype(f.dtype).itemsize * math.prod(f.shape) for f in GROUPS["samples"].values())
+    a_case = sum(np.dtype(f.dtype).itemsize * math.prod(f.shape) for f in groups_of(hand)["samples"].values())
     free = shutil.disk_usage(out).free
     if cases * a_case > free:
         raise SimulationError(
@@ -323,19 +323,19 @@ def _checked(group: str, fields: dict[str, Field], arrays: Arrays) -> Arrays:
     return out
 
 
-def shard_bytes(arrays: dict[str, Arrays], attributes: dict[str, int | str]) -> bytes:
+def shard_bytes(arrays: dict[str, Arrays], attributes: dict[str, int | str], hand: Hand) -> bytes:
     """One shard (arrays by group and field) as a file's content. Equal arrays give equal bytes."""
     image = io.BytesIO()  # HDF5 itself does not survive a disk that is full
     with h5py.File(image, "w", libver=("earliest", "v110")) as file:
         for name, value in attributes.items():
             file.attrs[name] = value
-        for group, fields in GROUPS.items():
+        for group, fields in groups_of(hand).items():
             for name, array in _checked(group, fields, arrays[group]).items():
                 file.create_dataset(f"{group}/{name}", data=array, track_times=False)
     return image.getvalue()
 
 
-def build_manifest(config: SimulationConfig, digest: str, hand: dict, out: Path, recorded: Mapping[str, str]) -> dict:
+def build_manifest(config: SimulationConfig, digest: str, hand: Hand, out: Path, recorded: Mapping[str, str]) -> dict:
     """The manifest of the shards in `out`: no time, no path, keys sorted when written.
 
     recorded: SHA-256 of each shard as it was written, so that what happens to a file later shows.
@@ -364,11 +364,11 @@ def build_manifest(config: SimulationConfig, digest: str, hand: dict, out: Path,
         "shards": shards,
         "n_samples": sum(s["n_samples"] for s in shards),
         "n_grasps": sum(s["n_grasps"] for s in shards),
-        "fields": field_table(),
+        "fields": field_table(hand),
         "tool_families": list(TOOL_FAMILIES),
         "reasons": list(_core.REASONS),
         "rejection_reasons": list(_core.REJECTIONS),
         "rejections": dict(zip(_core.REJECTIONS, rejections.tolist(), strict=True)),
         "bounds": {name: getattr(config, name) for name in bounds},
-        "hand": hand,
+        "hand": hand.as_dict(),
     }

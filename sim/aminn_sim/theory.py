@@ -10,54 +10,61 @@ import dataclasses
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _core, preload
+from aminn_hand.hand import Hand, rotation
+
+from . import _core
 from .config import SimulationConfig
 from .errors import SimulationError
+from .statics import CAPSULE, CYLINDER, Contact, displacement, surface_curvature
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
 ROTATION_ARM_M = 0.1  # a rotation of 1 rad counts as this many metres in a relative error
-EPS_M = 1e-5  # m/N, compliance of a contact: penetration over normal force
-OTHER_EPS_M = (1e-6, 2e-5)  # tried beside it
+OTHER_EPS_M = (1e-6, 2e-5)  # m/N, compliance of a contact, tried beside the hand's own
+STICKING_EPS_M = 1e-6  # m/N, of a sticking contact under a small load
 STICKING_RESIDUAL = 0.1  # closure residual below which every contact is taken to stick
-BRANCH_JOINTS = ((0, 1, 2), (3, 4, 5), (-1, 6, 7))
+LYING = rotation(np.array([0.0, np.pi / 2, 0.0]))
+"""Cylinders and capsules lie along the tool's x, in MuJoCo along their z."""
 _SCALE = np.array([1.0, 1.0, 1.0, ROTATION_ARM_M, ROTATION_ARM_M, ROTATION_ARM_M])
 
 
 @dataclass(frozen=True)
 class TrueMechanics:
-    """Stiffnesses of the simulated hand, from the `hand` entry of a manifest."""
+    """Stiffnesses of the simulated hand; tendons branch by branch, as in a data set."""
 
-    springs: Array  # (3 branches, 3 coordinates) N.m/rad, return springs and roll servos; 0 where absent
-    arms: Array  # (6 tendons, 3 coordinates) m, flexing torque for 1 N
-    stiffness: Array  # (6,) N/m
-    branch: NDArray[np.int64]  # (6,)
+    hand: Hand
+    arms: list[Array]
+    """(tendons, C) m of each branch, flexing torque for 1 N."""
+    of_branch: list[slice]
+    """Where a branch's tendons stand among all of them."""
+    stiffness: Array
+    """(T) N/m."""
+    two_way: NDArray[np.bool_]
+    """(T) tendons that pull and push: never slack."""
 
     @classmethod
-    def from_hand(cls, hand: dict) -> TrueMechanics:
-        """Read a manifest's `hand`."""
-        tendons = hand["tendons"]
+    def of(cls, hand: Hand) -> TrueMechanics:
+        """From a description."""
+        ends = np.cumsum([0, *(len(b.tendons) for b in hand.branches)]).tolist()
+        every = [t for b in hand.branches for t in b.tendons]
         return cls(
-            np.asarray(hand["joint_stiffness_Nm_rad"], float),
-            np.asarray([t["moment_arm_m"] for t in tendons], float),
-            np.asarray([t["stiffness_N_m"] for t in tendons], float),
-            np.asarray([t["branch"] for t in tendons], int),
+            hand,
+            [np.array([t.arm_m for t in b.tendons]).reshape(-1, len(b.coordinates)) for b in hand.branches],
+            [slice(a, b) for a, b in pairwise(ends)],
+            np.array([t.stiffness_N_m for t in every]),
+            np.array([not t.pull_only for t in every], bool),
         )
 
-    def present(self, b: int) -> NDArray[np.bool_]:
-        """(3) which coordinates branch b has."""
-        return self.springs[b] > 0
-
     def joint_stiffness(self, b: int, taut: NDArray[np.bool_]) -> Array:
-        """K_b (3, 3) with the tendons that are taut (6); 1 for a coordinate that is absent. N.m/rad."""
-        on = taut & (self.branch == b)
-        springs = np.diag(np.where(self.present(b), self.springs[b], 1.0))
-        return springs + (self.arms[on].T * self.stiffness[on]) @ self.arms[on]
+        """K_b (C, C) of branch b with the tendons that are taut (T), N.m/rad."""
+        return self.hand.branches[b].stiffness(taut[self.of_branch[b]].tolist())
 
 
 def predict(
@@ -67,39 +74,44 @@ def predict(
     in_contact: Array,
     tension: Array,
     w_e: Array,
-    eps_m: float = EPS_M,
+    eps_m: float | None = None,
     iterations: int = 12,
 ) -> tuple[Array, Array]:
-    """Displacement of the tool (6) and turns of the branch coordinates (3, 3) of one sample.
+    """Displacement of the tool (6) and turns of the joints (J) of one sample.
 
-    j_x (3,3,6), j_q (3,3,3), in_contact (3), tension (6) N before the load, w_e (6); eps_m m/N is the contacts' own
-    compliance. A tendon that was taut and goes slack takes its former tension away, one that was slack starts at 0.
+    j_x (B,3,6), j_q (B,3,C), in_contact (B), tension (T) N before the load, w_e (6); eps_m m/N is the contacts' own
+    compliance, by default the hand's. A tendon that was taut and goes slack takes its former tension away, one that was
+    slack starts at 0. Branches without a contact stay.
     """
-    taut = tension > 0
+    hand = mechanics.hand
+    taut = (tension > 0) | mechanics.two_way
     seen = []
     for _ in range(iterations):
         k_x, rhs = np.zeros((6, 6)), w_e.astype(float).copy()
         parts = []
-        for b in range(3):
-            present, off = mechanics.present(b), ~taut & (mechanics.branch == b)
-            loose = -mechanics.arms[off].T @ tension[off]  # torque that a tendon gone slack no longer gives
-            compliance = np.linalg.inv(mechanics.joint_stiffness(b, taut)) * np.outer(present, present)
-            big_b = -j_q[b]
-            w_b = np.linalg.inv(big_b @ compliance @ big_b.T + eps_m * np.eye(3)) * bool(in_contact[b])
+        for b, branch in enumerate(hand.branches):
+            mine = mechanics.of_branch[b]
+            off = ~taut[mine]
+            loose = -mechanics.arms[b][off].T @ tension[mine][off]  # torque that a tendon gone slack no longer gives
+            compliance = np.linalg.inv(mechanics.joint_stiffness(b, taut))
+            big_b = -j_q[b][:, -len(branch.coordinates) :]
+            give = branch.eps_m if eps_m is None else eps_m
+            w_b = np.linalg.inv(big_b @ compliance @ big_b.T + give * np.eye(3)) * bool(in_contact[b])
             k_x += j_x[b].T @ w_b @ j_x[b]
             rhs += j_x[b].T @ w_b @ big_b @ compliance @ loose
             parts.append((compliance, big_b, w_b, loose))
-        dx = np.linalg.solve(k_x, rhs)
-        dq = np.zeros((3, 3))
+        dx = np.linalg.solve(k_x, rhs) if len(parts) > 2 else np.linalg.lstsq(k_x, rhs, rcond=1e-12)[0]
+        turns = []
         for b, (compliance, big_b, w_b, loose) in enumerate(parts):
             force = w_b @ (j_x[b] @ dx - big_b @ compliance @ loose)
-            dq[b] = compliance @ (big_b.T @ force + loose)
-        now = tension - mechanics.stiffness * np.einsum("tc,tc->t", mechanics.arms, dq[mechanics.branch]) > 0
+            turns.append(compliance @ (big_b.T @ force + loose))
+        shorter = [arms @ turn for arms, turn in zip(mechanics.arms, turns, strict=True)]
+        now = (tension - mechanics.stiffness * np.concatenate(shorter) > 0) | mechanics.two_way
         if (now == taut).all() or now.tobytes() in seen:
             break
         seen.append(now.tobytes())
         taut = now
-    return dx, dq
+    return dx, np.concatenate(turns)
 
 
 def relative_error(predicted: Array, simulated: Array) -> Array:
@@ -107,15 +119,15 @@ def relative_error(predicted: Array, simulated: Array) -> Array:
     return np.linalg.norm((predicted - simulated) * _SCALE, axis=-1) / np.linalg.norm(simulated * _SCALE, axis=-1)
 
 
-def predict_samples(hand: dict, samples: dict[str, Array], grasps: dict[str, Array], eps_m: float = EPS_M) -> Array:
+def predict_samples(hand: Hand, samples: dict[str, Array], grasps: dict[str, Array]) -> Array:
     """`predict` for every sample (n, 6)."""
-    mechanics = TrueMechanics.from_hand(hand)
+    mechanics = TrueMechanics.of(hand)
     order = np.argsort(grasps["grasp_id"])
     row = order[np.searchsorted(grasps["grasp_id"][order], samples["grasp_id"])]
     tension = grasps["tendon_tension_N"][row]
     return np.stack(
         [
-            predict(mechanics, jx, jq, c[:, 0], t, w, eps_m)[0]
+            predict(mechanics, jx, jq, c[:, 0], t, w)[0]
             for jx, jq, c, t, w in zip(
                 samples["j_x"], samples["j_q"], samples["contacts"], tension, samples["w_e"], strict=True
             )
@@ -124,7 +136,7 @@ def predict_samples(hand: dict, samples: dict[str, Array], grasps: dict[str, Arr
 
 
 def dataset_errors(
-    hand: dict, samples: dict[str, Array], grasps: dict[str, Array], most: int = 4000
+    hand: Hand, samples: dict[str, Array], grasps: dict[str, Array], most: int = 4000
 ) -> dict[str, float]:
     """The formula against stable load cases of a data set, of every size: flat figures of the relative error.
 
@@ -150,36 +162,47 @@ def dataset_errors(
     return out
 
 
-def branch_turns(dq: Array) -> Array:
-    """Joint angles (8) as branch coordinates (3, 3), 0 where a branch has none."""
-    out = np.zeros((3, 3))
-    for b, joints in enumerate(BRANCH_JOINTS):
-        for c, j in enumerate(joints):
-            if j >= 0:
-                out[b, c] = dq[j]
-    return out
+def branch_turns(hand: Hand, dq: Array) -> Array:
+    """Joint angles (J) as branch coordinates (B, C), 0 where a branch has none."""
+    joints = np.array(hand.coordinate_joints)
+    return np.where(joints >= 0, dq[joints], 0.0)
 
 
 class Grasp:
-    """A simulated grasp with the formula beside it."""
+    """A simulated grasp with the statics beside it."""
 
-    def __init__(self, simulator: _core.Simulator, config: SimulationConfig, index: int) -> None:
+    def __init__(self, hand: Hand, simulator: _core.Simulator, config: SimulationConfig, index: int) -> None:
         families = config.family_indices()
         self.session = _core.Session(simulator, config.options(), config.seed, 0, index, index, families)
         self.state = {k: v[0] for k, v in self.session.grasp().items()}
-        self.hand = simulator.hand()
-        self.mechanics = TrueMechanics.from_hand(self.hand)
+        self.hand = hand
+        self.mechanics = TrueMechanics.of(hand)
 
-    def formula(self, w_e: Array, eps_m: float = EPS_M) -> tuple[Array, Array]:
-        """Displacement (6) and turns of the branch coordinates (3, 3)."""
+    def formula(self, w_e: Array, eps_m: float | None = None) -> tuple[Array, Array]:
+        """Displacement (6) and turns of the joints (J)."""
         s = self.state
         return predict(self.mechanics, s["j_x"], s["j_q"], s["contacts"][:, 0], s["tendon_tension_N"], w_e, eps_m)
 
+    @cached_property
+    def contacts(self) -> dict[int, Contact]:
+        """The settled contacts by branch; they give way by next to nothing."""
+        state, forces, out = self.state, self.session.contact_forces(), {}
+        R = rotation(state["x_ht"][3:])
+        kind, size, along = int(state["tool_geoms"][0][0]), state["tool_geoms"][0][1:4], state["tool_geoms"][0][4:7]
+        turned = R @ LYING if kind in (CAPSULE, CYLINDER) else R
+        for b in np.flatnonzero(state["contacts"][:, 0]):
+            point, normal = state["contacts"][b, 1:4], state["contacts"][b, 4:7]
+            tool = surface_curvature(kind, size, state["x_ht"][:3] + R @ along, turned, point)
+            shape, extent, place, axes = self.session.fingertip_geom(int(b))
+            tip = surface_curvature(shape, extent, place, axes, point)
+            out[int(b)] = Contact(point, normal, forces[b], STICKING_EPS_M, tool + tip)
+        return out
+
     def with_preload(self, w_e: Array) -> Array:
-        """Displacement (6) that `preload` gives for a small load, tendons as they are before it."""
-        taut = self.state["tendon_tension_N"] > 0
-        stiffness = np.stack([self.mechanics.joint_stiffness(b, taut) for b in range(3)])
-        return preload.displacement(self.hand, self.state, self.session.contact_forces(), stiffness, w_e)
+        """Displacement (6) for a small load with the contact forces, tendons as they are before it."""
+        taut = (self.state["tendon_tension_N"] > 0) | self.mechanics.two_way
+        stiffness = [self.mechanics.joint_stiffness(b, taut) for b in range(len(self.hand.branches))]
+        return displacement(self.hand, self.state["q"], self.state["x_ht"][:3], self.contacts, w_e, True, stiffness)
 
     def simulate(self, w_e: Array) -> dict[str, Array]:
         """The load case's fields."""
@@ -188,7 +211,7 @@ class Grasp:
     def closure_residual(self, case: dict[str, Array]) -> float:
         """|J_x dx + J_q dq| / |J_x dx|, both simulated: small while every contact sticks."""
         tool = np.einsum("bij,j->bi", self.state["j_x"], case["dx_ht"])
-        joint = np.einsum("bij,bj->bi", self.state["j_q"], branch_turns(case["q_after"] - self.state["q"]))
+        joint = np.einsum("bij,bj->bi", self.state["j_q"], branch_turns(self.hand, case["q_after"] - self.state["q"]))
         return float(np.linalg.norm(tool + joint) / np.linalg.norm(tool))
 
 
@@ -231,18 +254,23 @@ def compliance(grasp: Grasp, force_N: float = 0.1) -> Compliance:
 
 
 def over_grasps(
-    simulator: _core.Simulator, config: SimulationConfig, grasps: int, threads: int, work: Callable[[Grasp], T]
+    hand: Hand,
+    simulator: _core.Simulator,
+    config: SimulationConfig,
+    grasps: int,
+    threads: int,
+    work: Callable[[Grasp], T],
 ) -> list[T]:
     """work(grasp) for grasps 0 to n - 1 of the configuration's seed, in order."""
     with ThreadPoolExecutor(threads) as pool:
-        return list(pool.map(lambda index: work(Grasp(simulator, config, index)), range(grasps)))
+        return list(pool.map(lambda index: work(Grasp(hand, simulator, config, index)), range(grasps)))
 
 
 def compliance_figures(
-    simulator: _core.Simulator, config: SimulationConfig, grasps: int, threads: int
+    hand: Hand, simulator: _core.Simulator, config: SimulationConfig, grasps: int, threads: int
 ) -> dict[str, float]:
     """Flat figures of `compliance` over fresh grasps."""
-    results = over_grasps(simulator, config, grasps, threads, compliance)
+    results = over_grasps(hand, simulator, config, grasps, threads, compliance)
     errors, sticking = np.concatenate([r.errors for r in results]), np.concatenate([r.sticking for r in results])
     if not sticking.any():
         raise SimulationError("theory: no small load left every contact sticking")
@@ -281,7 +309,7 @@ def compliance_figures(
 
 
 def preload_figures(
-    simulator: _core.Simulator, config: SimulationConfig, grasps: int, threads: int
+    hand: Hand, simulator: _core.Simulator, config: SimulationConfig, grasps: int, threads: int
 ) -> dict[str, float]:
     """Error of the formula by pinch force, with light tools: what it leaves out turns with the contact forces."""
     out = {}
@@ -290,7 +318,7 @@ def preload_figures(
             config, mass_min_kg=0.02, mass_max_kg=0.021, contact_force_min_N=0.1,
             pinch_force_min_N=pinch, pinch_force_max_N=1.001 * pinch,
         )  # fmt: skip
-        results = over_grasps(simulator, light, grasps, threads, lambda grasp: compliance(grasp, force_N=0.05))
+        results = over_grasps(hand, simulator, light, grasps, threads, lambda grasp: compliance(grasp, force_N=0.05))
         errors, sticking = np.concatenate([r.errors for r in results]), np.concatenate([r.sticking for r in results])
         out[f"theory_relative_error_median_pinch_{pinch:.0f}N"] = float(np.median(errors[sticking]))
     return out
@@ -311,12 +339,15 @@ def slack_jump(grasp: Grasp, levels: int = 10, most_N: float = 6.0) -> SlackJump
     None where no tendon goes slack in the simulation between two stable levels with at least two on either side.
     """
     tension, mechanics = grasp.state["tendon_tension_N"], grasp.mechanics
-    proximal = [t for t in range(0, 6, 2) if tension[t] > 0]
-    if not proximal:
+    gated = [(b, i) for b, branch in enumerate(grasp.hand.branches) if (i := branch.gated_tendon) is not None]
+    cables = [(b, mechanics.of_branch[b].start + i, mechanics.arms[b][i]) for b, i in gated]
+    cables = [(b, t, arm) for b, t, arm in cables if tension[t] > 0]
+    if not cables:
         return None
     small = 1e-3
-    turns = np.stack([grasp.formula(small * _SCALE * e)[1] / small for e in np.eye(6)], -1)  # (3, 3, 6 scaled axes)
-    loosening = [np.einsum("c,cw->w", mechanics.arms[t], turns[mechanics.branch[t]]) for t in proximal]
+    turns = np.stack([grasp.formula(small * _SCALE * e)[1] / small for e in np.eye(6)], -1)  # (J, 6 scaled axes)
+    loosening = [arm @ turns[grasp.hand.branch_joints[b]] for b, _, arm in cables]
+    proximal = [t for _, t, _ in cables]
     loads = [
         tension[t] / (mechanics.stiffness[t] * np.linalg.norm(g)) for t, g in zip(proximal, loosening, strict=True)
     ]
@@ -340,9 +371,11 @@ def slack_jump(grasp: Grasp, levels: int = 10, most_N: float = 6.0) -> SlackJump
     return SlackJump(taut, loose, formula_loose / formula_taut)
 
 
-def slack_figures(simulator: _core.Simulator, config: SimulationConfig, grasps: int, threads: int) -> dict[str, float]:
+def slack_figures(
+    hand: Hand, simulator: _core.Simulator, config: SimulationConfig, grasps: int, threads: int
+) -> dict[str, float]:
     """How far the compliance along a load jumps where a tendon goes slack."""
-    jumps = [j for j in over_grasps(simulator, config, grasps, threads, slack_jump) if j is not None]
+    jumps = [j for j in over_grasps(hand, simulator, config, grasps, threads, slack_jump) if j is not None]
     if not jumps:
         raise SimulationError("theory: no tendon went slack under the loads tried")
     ratios = np.array([j.slack_m_N / j.taut_m_N for j in jumps])

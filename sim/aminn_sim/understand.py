@@ -25,7 +25,8 @@ from aminn_hand.hand_file import HandFile, model_path, read_hand_file
 from aminn_hand.symmetry import find_mirror, mirror_in
 
 from . import _core, mjcf_tree
-from .postures import find_synergy, find_tool_axis
+from .postures import find_synergy, find_tool_axis, pinch_frame
+from .scene import CONTACT_IMPEDANCE, CONTACT_TIME_S, SceneParts, compose, own_prefix
 
 Array = NDArray[np.float64]
 
@@ -41,8 +42,6 @@ WEAK_COUPLING = 10.0
 """A coupling below so many times the joints' own stiffness gives way."""
 SPHERE, CAPSULE, MESH = 2, 3, 7
 NOMINAL_TOOL_KG = 0.08
-CONTACT_TIME_S, CONTACT_IMPEDANCE = 0.004, (0.95, 0.99)
-"""Of the simulation's contacts: time constant (critically damped), impedance when they open and deep inside."""
 
 
 @dataclass(frozen=True)
@@ -52,25 +51,41 @@ class Understood:
     hand: Hand
     root: ET.Element
     """The model as one tree, with what the hand file tells; the palm stands still in the world."""
-    palm: str
+    source: Path
+    """The model's main file."""
+    files: dict[Path, bytes]
+    """Every file that the model is made of, as it was read."""
+    assets: dict[str, bytes]
+    """Those that the engine needs beside the text, by the names that the tree gives them."""
+    scene: str
+    """MJCF of the hand on its base with a tool."""
+    parts: SceneParts
     locked: tuple[str, ...]
     """Joints taken out."""
     postures: tuple[Array, Array]
     """Open and closed, q (J) in the order of `hand.joints`, rad."""
-    tips: tuple[tuple[str, ...], ...]
-    """Geoms of each branch's tip; its pad point goes with the first."""
     notes: tuple[str, ...]
     """What a user should know and that does not stop anything."""
+
+    @property
+    def palm(self) -> str:
+        """Body whose frame is H."""
+        return self.parts.palm
+
+    @property
+    def tips(self) -> tuple[tuple[str, ...], ...]:
+        """Geoms of each branch's tip; its pad point goes with the first."""
+        return self.parts.tips
 
 
 class _Model:
     """A compiled model's arrays, read once."""
 
-    def __init__(self, text: str, path: Path, hand_file: Path) -> None:
+    def __init__(self, root: ET.Element, assets: dict[str, bytes], path: Path, hand_file: Path) -> None:
         try:
-            self.engine = _core.Engine(text)
+            self.engine = _core.Engine(mjcf_tree.text_of(root), assets)
         except _core.MujocoError as error:
-            message = " ".join(str(error).removeprefix("scene.xml: ").split())
+            message = " ".join(str(error).removeprefix("/dev/null/scene.xml: ").split())
             raise AminnError(
                 f"{path}: MuJoCo {_core.MUJOCO_VERSION} does not take this model: {message}; written for a newer "
                 f"MuJoCo? aminn hand convert {hand_file} --out FOLDER makes it one that it takes"
@@ -269,9 +284,12 @@ def _add_servos(file: HandFile, root: ET.Element, model: _Model, joints: Sequenc
     return True
 
 
-def understand(path: AnyPath) -> Understood:
-    """Read a hand file and its model. Raises AminnError that says what is wrong, where, and what to do."""
-    return _Reader(Path(path)).read()
+def understand(path: AnyPath, content: bytes | None = None) -> Understood:
+    """Read a hand file (or its `content`) and its model.
+
+    Raises AminnError that says what is wrong, where, and what to do.
+    """
+    return _Reader(Path(path), content).read()
 
 
 @dataclass
@@ -279,39 +297,58 @@ class _Reader:
     """One hand file on its way to a `Hand`."""
 
     path: Path
+    content: bytes | None
     notes: list[str] = field(default_factory=list)
 
     def read(self) -> Understood:
-        file = read_hand_file(self.path)
+        file = read_hand_file(self.path, self.content)
         source = model_path(file, self.path)
-        root = mjcf_tree.read_mjcf(source, self.path)
+        read = mjcf_tree.read_mjcf(source, self.path)
+        root, assets = read.root, read.assets
         _name_parts(root)
         _tell(file, root, self.path)
-        model = _Model(mjcf_tree.text_of(root), source, self.path)
+        model = _Model(root, assets, source, self.path)
         palm = _palm_of(model, file, self.path, set())
         above = [model.joints[j] for b in model.ancestors(palm) for j in model.joints_of(b)]
         mjcf_tree.remove_joints(root, set(above))
-        self._remove_others(root, model)
-        model = _Model(mjcf_tree.text_of(root), source, self.path)
+        self._remove_others(root, model, palm)
+        model = _Model(root, assets, source, self.path)
         _part_neighbours(root, model)
         palm = model.body(model.bodies[palm], "palm") if file.palm is None else model.body(file.palm, "palm")
         chains = _chains(model, palm, self.path, set())
         joints = [[j for b in chain for j in model.joints_of(b)] for chain in chains]
         if _add_servos(file, root, model, [j for js in joints for j in js]):
-            model = _Model(mjcf_tree.text_of(root), source, self.path)
+            model = _Model(root, assets, source, self.path)
         self._refuse_outside(model, palm, joints)
         hand, tips, reach = self._hand(file, model, palm, chains, joints)
         postures = self._postures(file, hand)
         self._refuse_straighteners(hand, postures[1] - postures[0])
         hand = self._pinch(file, replace(hand, contact=self._contact(file, hand)), postures, reach)
+        prefix, name = own_prefix(root), model.bodies[palm]
+        scene = compose(root, name, prefix)
+        half = hand.coupled(0.5 * (postures[0] + postures[1]))
+        forward = pinch_frame(hand, half, np.array(hand.tool_axis))[1][:, 1]
         return Understood(
-            hand, root, model.bodies[palm], (*file.locked, *above), postures, tips, tuple(dict.fromkeys(self.notes))
+            self._with_compliance(file, hand, scene, assets, source),
+            root,
+            source,
+            read.files,
+            assets,
+            scene,
+            SceneParts(prefix, name, tips, tuple(forward.tolist())),
+            (*file.locked, *above),
+            postures,
+            tuple(dict.fromkeys(self.notes)),
         )
 
-    def _remove_others(self, root: ET.Element, model: _Model) -> None:
-        """Take objects beside the hand (a tool, a table on a free joint) out of the model."""
+    def _remove_others(self, root: ET.Element, model: _Model, palm: int) -> None:
+        """Take objects beside the hand (a tool, a table, the floor) out of the model."""
         free = {model.bodies[b] for b in range(1, len(model.bodies)) if model.free_tree[b]}
-        tops = [e for world in root.iter("worldbody") for e in world if e.tag == "body" and e.get("name") in free]
+        name = model.bodies[palm]
+        in_world = [e for world in root.findall("worldbody") for e in world if e.tag in ("body", "geom")]
+        tops = [e for e in in_world if e.get("name") in free and e.tag == "body"]
+        if palm > 0:  # what does not carry the palm does not move with it
+            tops = [e for e in in_world if all(b.get("name") != name for b in e.iter("body"))]
         mjcf_tree.remove(root, tops)
         for key in list(root.findall("keyframe")):
             root.remove(key)
@@ -450,7 +487,7 @@ class _Reader:
                 couplings[b],
                 model.bodies[tip_bodies[b]],
                 tuple(points[b].tolist()),
-                self._compliance(file, model, names[b], chains[b][-1]),
+                0.0,
                 float(sizes[first][0]) if kinds[first] in (SPHERE, CAPSULE) else 0.0,
             )
             self._refuse_limp(branch)
@@ -475,20 +512,24 @@ class _Reader:
                 )
         return [names[name] for name in told]
 
-    def _compliance(self, file: HandFile, model: _Model, branch: str, body: int) -> float:
-        """eps of a branch, m/N: told, or what the engine's contact of this body with a nominal tool gives way by.
+    def _with_compliance(self, file: HandFile, hand: Hand, scene: str, assets: dict[str, bytes], source: Path) -> Hand:
+        """eps of each branch, m/N: told, or what the engine's contact of its tip with a nominal tool gives way by.
 
         A contact is a spring of stiffness K I / R, and R = (1 - I) / I times the inverse masses behind it.
         """
         told = file.contact.compliance_m_N
-        if isinstance(told, dict):
-            told = told.get(branch)
-        if told is not None:
-            return float(told)
-        opening, deep = CONTACT_IMPEDANCE
+        by_branch = told if isinstance(told, dict) else dict.fromkeys((b.name for b in hand.branches), told)
+        model = _Model(ET.fromstring(scene), assets, source, self.path)
+        opening, deep, _ = CONTACT_IMPEDANCE
         stiffness = 1 / (deep * CONTACT_TIME_S) ** 2
-        masses = float(model.array("body_invweight0")[body][0]) + 1 / NOMINAL_TOOL_KG
-        return (1 - opening) / opening * masses / (stiffness * opening)
+        inverse = {b.name: float(model.array("body_invweight0")[model.bodies.index(b.tip)][0]) for b in hand.branches}
+        own = {
+            name: (1 - opening) / opening * (mass + 1 / NOMINAL_TOOL_KG) / (stiffness * opening)
+            for name, mass in inverse.items()
+        }
+        return replace(
+            hand, branches=tuple(replace(b, eps_m=float(by_branch.get(b.name) or own[b.name])) for b in hand.branches)
+        )
 
     def _refuse_unknown_compliance(self, file: HandFile, names: list[str]) -> None:
         told = file.contact.compliance_m_N

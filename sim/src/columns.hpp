@@ -9,6 +9,7 @@
 #include <nanobind/stl/vector.h>
 
 #include <algorithm>
+#include <map>
 
 namespace aminn::sim {
 
@@ -60,6 +61,15 @@ void put(const std::array<double, N> &x, double *p)
 {
     std::copy(x.begin(), x.end(), p);
 }
+inline void put(const std::vector<double> &x, double *p)
+{
+    std::copy(x.begin(), x.end(), p);
+}
+
+// Sizes of a data set's rows.
+struct Widths {
+    std::size_t branches, coordinates, joints, tendons, synergies;
+};
 
 inline Wrench pose_vector(const Pose &pose)
 {
@@ -68,9 +78,9 @@ inline Wrench pose_vector(const Pose &pose)
     return x;
 }
 
-inline void put_contacts(const ContactState &c, double *p)
+inline void put_contacts(const ContactState &c, std::size_t branches, double *p)
 {
-    for (int b = 0; b < kBranches; ++b, p += AMINN_N_CONTACT_FEATURE) {
+    for (std::size_t b = 0; b < branches; ++b, p += kContactFeatures) {
         const ContactState::Row &row = c.branch[b];
         if (!row.in_contact)
             continue;
@@ -81,29 +91,29 @@ inline void put_contacts(const ContactState &c, double *p)
     }
 }
 
-inline constexpr int kXCols = AMINN_N_WRENCH;
+inline constexpr std::size_t kXCols = kWrench;
 
 template <class Items, class State>
-void state_columns(nb::dict &out, const Items &items, State &&state)
+void state_columns(nb::dict &out, const Items &items, const Widths &n, State &&state)
 {
-    column<double>(out, "q", items, {kJoints}, [&](const auto &i, double *p) { put(state(i).q, p); });
+    column<double>(out, "q", items, {n.joints}, [&](const auto &i, double *p) { put(state(i).q, p); });
     column<double>(out, "x_ht", items, {kXCols},
                    [&](const auto &i, double *p) { put(pose_vector(state(i).tool_in_palm), p); });
-    column<double>(out, "contacts", items, {kBranches, AMINN_N_CONTACT_FEATURE},
-                   [&](const auto &i, double *p) { put_contacts(state(i).contacts, p); });
-    column<double>(out, "j_x", items, {kBranches, 3, kXCols}, [&](const auto &i, double *p) {
-        for (int b = 0; b < kBranches; ++b)
+    column<double>(out, "contacts", items, {n.branches, kContactFeatures},
+                   [&](const auto &i, double *p) { put_contacts(state(i).contacts, n.branches, p); });
+    column<double>(out, "j_x", items, {n.branches, 3, kXCols}, [&](const auto &i, double *p) {
+        for (std::size_t b = 0; b < n.branches; ++b)
             put(state(i).j_x[b], p + b * 3 * kXCols);
     });
-    column<double>(out, "j_q", items, {kBranches, 3, kCoords}, [&](const auto &i, double *p) {
-        for (int b = 0; b < kBranches; ++b)
-            put(state(i).j_q[b], p + b * 3 * kCoords);
+    column<double>(out, "j_q", items, {n.branches, 3, n.coordinates}, [&](const auto &i, double *p) {
+        for (std::size_t b = 0; b < n.branches; ++b)
+            put(state(i).j_q[b], p + b * 3 * n.coordinates);
     });
     column<std::int64_t>(out, "grasp_id", items, {}, [&](const auto &i, std::int64_t *p) { *p = state(i).grasp_id; });
 }
 
 template <class Items, class Case>
-void case_columns(nb::dict &out, const Items &items, Case &&get)
+void case_columns(nb::dict &out, const Items &items, const Widths &n, Case &&get)
 {
     const auto number = [&](const char *name, double CaseResult::*member) {
         column<double>(out, name, items, {}, [&](const auto &i, double *p) { *p = get(i).*member; });
@@ -114,11 +124,11 @@ void case_columns(nb::dict &out, const Items &items, Case &&get)
     column<double>(out, "w_e", items, {kXCols}, [&](const auto &i, double *p) { put(get(i).load.w_e, p); });
     column<double>(out, "load_point_m", items, {3}, [&](const auto &i, double *p) { put(get(i).load.point, p); });
     column<double>(out, "dx_ht", items, {kXCols}, [&](const auto &i, double *p) { put(get(i).dx, p); });
-    column<double>(out, "q_after", items, {kJoints}, [&](const auto &i, double *p) { put(get(i).q_after, p); });
-    column<double>(out, "tendon_tension_after_N", items, {kTendons},
+    column<double>(out, "q_after", items, {n.joints}, [&](const auto &i, double *p) { put(get(i).q_after, p); });
+    column<double>(out, "tendon_tension_after_N", items, {n.tendons},
                    [&](const auto &i, double *p) { put(get(i).tension_after_N, p); });
-    column<double>(out, "lost_time_s", items, {kBranches},
-                   [&](const auto &i, double *p) { put(get(i).lost_time_s, p); });
+    column<double>(out, "lost_time_s", items, {n.branches},
+                   [&](const auto &i, double *p) { std::copy_n(get(i).lost_time_s.begin(), n.branches, p); });
     number("creep_rate_m_s", &CaseResult::creep_rate_m_s);
     number("drift_m_s", &CaseResult::drift_m_s);
     number("max_translation_m", &CaseResult::max_translation_m);
@@ -174,10 +184,10 @@ inline void put_geom(const Primitive &g, double *p)
 }
 
 template <class Items>
-void grasp_columns(nb::dict &out, const Items &grasps)
+void grasp_columns(nb::dict &out, const Items &grasps, const Widths &n)
 {
     column<std::int64_t>(out, "grasp_id", grasps, {}, [](const GraspState &g, std::int64_t *p) { *p = g.grasp_id; });
-    column<double>(out, "psi", grasps, {3}, [](const GraspState &g, double *p) { put(g.psi, p); });
+    column<double>(out, "psi", grasps, {n.synergies}, [](const GraspState &g, double *p) { put(g.psi, p); });
     column<std::int8_t>(out, "tool_family", grasps, {},
                         [](const GraspState &g, std::int8_t *p) { *p = static_cast<std::int8_t>(g.tool.family); });
     column<double>(out, "tool_size_m", grasps, {3}, [](const GraspState &g, double *p) { put(g.tool.half_m, p); });
@@ -189,7 +199,7 @@ void grasp_columns(nb::dict &out, const Items &grasps)
     number("pinch_force_N", [](const GraspState &g) { return g.pinch_force_N; });
     number("drift_m_s", [](const GraspState &g) { return g.drift_m_s; });
     number("worst_penetration_m", [](const GraspState &g) { return g.contacts.worst_penetration; });
-    column<double>(out, "tendon_tension_N", grasps, {kTendons},
+    column<double>(out, "tendon_tension_N", grasps, {n.tendons},
                    [](const GraspState &g, double *p) { put(g.tension_N, p); });
     column<double>(out, "base_pose", grasps, {kBaseJoints},
                    [](const GraspState &g, double *p) { put(g.base_pose, p); });
@@ -205,7 +215,7 @@ void grasp_columns(nb::dict &out, const Items &grasps)
     });
 }
 
-inline nb::dict shard_arrays(const ShardResult &r)
+inline nb::dict shard_arrays(const ShardResult &r, const Widths &n)
 {
     using Sample = std::pair<const GraspState *, const CaseResult *>;
     std::vector<Sample> samples;
@@ -213,14 +223,25 @@ inline nb::dict shard_arrays(const ShardResult &r)
         for (const CaseResult &c : r.cases[g])
             samples.emplace_back(&r.grasps[g], &c);
     nb::dict arrays, grasps, out;
-    state_columns(arrays, samples, [](const Sample &s) -> const GraspState & { return *s.first; });
-    case_columns(arrays, samples, [](const Sample &s) -> const CaseResult & { return *s.second; });
-    grasp_columns(grasps, r.grasps);
-    state_columns(grasps, r.grasps, [](const GraspState &g) -> const GraspState & { return g; });
+    state_columns(arrays, samples, n, [](const Sample &s) -> const GraspState & { return *s.first; });
+    case_columns(arrays, samples, n, [](const Sample &s) -> const CaseResult & { return *s.second; });
+    grasp_columns(grasps, r.grasps, n);
+    state_columns(grasps, r.grasps, n, [](const GraspState &g) -> const GraspState & { return g; });
     out["samples"] = arrays;
     out["grasps"] = grasps;
     out["noise"] = noise_columns(samples);
     out["steps"] = r.steps;
+    return out;
+}
+
+// Files by name: a Python dict of bytes.
+inline std::map<std::string, std::string> bytes_by_name(const nb::dict &files)
+{
+    std::map<std::string, std::string> out;
+    for (const auto &[name, bytes] : files) {
+        const auto content = nb::cast<nb::bytes>(bytes);
+        out[nb::cast<std::string>(name)] = std::string(content.c_str(), content.size());
+    }
     return out;
 }
 

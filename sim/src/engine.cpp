@@ -29,15 +29,17 @@ nb::object rows_of(const T *values, int n_rows, int n_columns)
     return out.cast();
 }
 
-ModelPtr load_text(const std::string &text)
+ModelPtr load_text(const std::string &text, const nb::dict &assets)
 {
     static constexpr const char *kName = "scene.xml";
-    return load_files({{kName, text}}, kName);
+    std::map<std::string, std::string> files = bytes_by_name(assets);
+    files[kName] = text;
+    return load_files(files, std::string("/dev/null/") + kName); // below that the engine finds no other files
 }
 
 class Engine {
   public:
-    explicit Engine(const std::string &text) : model_(load_text(text)), data_(make_data(*model_))
+    Engine(const std::string &text, const nb::dict &assets) : model_(load_text(text, assets)), data_(make_data(*model_))
     {
     }
 
@@ -253,8 +255,8 @@ class Engine {
 void bind_engine(nb::module_ &m)
 {
     nb::class_<Engine>(m, "Engine", "A model in the engine: copies of its arrays, and single calls of the engine.")
-        .def(nb::init<const std::string &>(), "text"_a,
-             "Compile MJCF from a text; files that it names by absolute paths.")
+        .def(nb::init<const std::string &, const nb::dict &>(), "text"_a, "assets"_a = nb::dict(),
+             "Compile MJCF from a text and the files that it names, by name (bytes); others are not found.")
         .def("model", &Engine::model, "field"_a, "Array of mjModel by the engine's name, rows first.")
         .def("data", &Engine::data, "field"_a, "Array of mjData by the engine's name, rows first.")
         .def("set", &Engine::set, "field"_a, "values"_a, "Write qpos, qvel, ctrl, qfrc_applied or xfrc_applied, flat.")

@@ -1,6 +1,7 @@
 #include "grasp.hpp"
 
 #include <algorithm>
+#include <limits>
 
 namespace aminn::sim {
 
@@ -12,6 +13,10 @@ namespace {
 // Natural frequency (rad/s) of the virtual spring that holds the tool while the hand closes; critically damped.
 constexpr double kHoldFrequency = 120;
 constexpr double kBoundMargin = 0.03; // rad, from a joint's limit
+constexpr double kUneven = 0.16;      // of a branch's share of the pinch force
+constexpr double kEndless = std::numeric_limits<double>::infinity();
+constexpr double kLeastTorque = 1e-9; // N.m, changes below which forces have been found
+constexpr int kSweeps = 200;
 // Key of the streams that shift the sequence of placements, one an attempt; no shard has it.
 constexpr std::uint64_t kShiftStream = ~std::uint64_t{0};
 
@@ -26,12 +31,61 @@ int count_warnings(const mjData &d)
     return n;
 }
 
-// The most frequent reason and its count, in words.
-std::string worst_rejection(const RejectionCounts &counts)
+// Shares of n branches that sum to 1, up to a sixth more or less than even by `u` in [0, 1).
+std::vector<double> uneven_shares(std::size_t n, double u)
 {
-    const auto worst = std::max_element(counts.begin(), counts.end());
-    return std::string("most often ") + kRejectionNames[static_cast<std::size_t>(worst - counts.begin())] + ", " +
-           std::to_string(*worst) + " times";
+    std::vector<double> out(n, 1.0);
+    const double even = 1.0 / static_cast<double>(n);
+    double rest = 1;
+    for (std::size_t i = 0; i + 1 < n; ++i) {
+        const double tilt = 1 - 2 * static_cast<double>(i) / static_cast<double>(n - 1); // from 1 to -1
+        out[i] = even * (1 - kUneven * tilt) + even * (2 * kUneven * tilt) * u;
+        rest -= out[i];
+    }
+    out[n - 1] = rest;
+    return out;
+}
+
+// What can turn the joints of a branch: torque a newton, least and greatest force, and where the force goes.
+struct Generator {
+    Vector moment;
+    double low, high;
+    double *force;
+};
+
+// Forces within their bounds whose torques come nearest to `torque`; one after the other until none changes.
+void least_squares(const std::vector<Generator> &generators, Vector torque)
+{
+    for (int sweep = 0; sweep < kSweeps; ++sweep) {
+        double most = 0;
+        for (const Generator &g : generators) {
+            const double square = g.moment.squaredNorm();
+            if (square == 0)
+                continue;
+            const double wanted = *g.force + g.moment.dot(torque) / square;
+            const double step = std::min(std::max(wanted, g.low), g.high) - *g.force;
+            *g.force += step;
+            torque -= step * g.moment;
+            most = std::max(most, std::abs(step) * std::sqrt(square));
+        }
+        if (most < kLeastTorque)
+            return;
+    }
+}
+
+// Reasons and how often they were met, the most frequent first.
+std::string in_words(const RejectionCounts &counts)
+{
+    std::vector<std::size_t> order;
+    for (std::size_t i = 0; i < counts.size(); ++i)
+        if (counts[i] > 0)
+            order.push_back(i);
+    std::stable_sort(order.begin(), order.end(), [&](std::size_t a, std::size_t b) { return counts[a] > counts[b]; });
+    std::string out;
+    for (const std::size_t i : order)
+        out += (out.empty() ? "most often " : ", ") + std::string(kRejectionNames[i]) + ", " +
+               std::to_string(counts[i]) + " times";
+    return out;
 }
 
 } // namespace
@@ -93,13 +147,12 @@ ContactState GraspWorker::contacts(bool with_forces)
             continue;
         s.worst_penetration = std::max(s.worst_penetration, -c.dist);
         const int other = tool_is_1 ? c.geom2 : c.geom1;
-        int b = 0;
-        while (b < kBranches && hand_.branches[b].tip_geom != other)
-            ++b;
-        if (b == kBranches) {
+        const int of = hand_.branch_of(other);
+        if (of < 0) {
             ++s.other;
             continue;
         }
+        const auto b = static_cast<std::size_t>(of);
         ++s.count[b];
         ContactState::Row &row = s.branch[b];
         if (!with_forces) {
@@ -111,6 +164,7 @@ ContactState GraspWorker::contacts(bool with_forces)
         if (row.in_contact && row.normal_force >= force[0])
             continue; // of several contacts the strongest stands
         row.in_contact = true;
+        row.geom = other;
         row.position = H.R.transpose() * (Vec3(c.pos[0], c.pos[1], c.pos[2]) - H.p);
         // MuJoCo's normal points from geom1 to geom2
         row.normal = H.R.transpose() * Vec3(c.frame[0], c.frame[1], c.frame[2]) * (tool_is_2 ? 1.0 : -1.0);
@@ -122,12 +176,24 @@ ContactState GraspWorker::contacts(bool with_forces)
     return s;
 }
 
-std::array<double, kTendons> GraspWorker::tensions() const
+std::vector<double> GraspWorker::tensions() const
 {
-    std::array<double, kTendons> t;
-    for (int i = 0; i < kTendons; ++i)
-        t[i] = 0.0 - data_->actuator_force[hand_.tendons[i].actuator]; // slack is +0
-    return t;
+    std::vector<double> out;
+    for (const Tendon &t : hand_.tendons) {
+        double pull = t.stiffness_N_m > 0 ? t.stiffness_N_m * (data_->ten_length[t.tendon] - t.relaxed_m) : 0.0;
+        for (std::size_t i = 0; i < t.actuators.size(); ++i)
+            pull -= t.gears[i] * data_->actuator_force[t.actuators[i]]; // slack is +0
+        out.push_back(pull);
+    }
+    return out;
+}
+
+int GraspWorker::tool_contacts() const
+{
+    int n = 0;
+    for (int i = 0; i < data_->ncon; ++i)
+        n += hand_.is_tool(*model_, data_->contact[i].geom1) || hand_.is_tool(*model_, data_->contact[i].geom2);
+    return n;
 }
 
 void GraspWorker::apply(const Wrench &w, double scale)
@@ -156,12 +222,15 @@ bool GraspWorker::place(const std::vector<int> &families, int number)
     // over the grasps of a data set the first attempts fill the space evenly, and so do the second ones
     const Random shift(seed_, kShiftStream, static_cast<std::uint64_t>(number));
     const Sobol::Point u = sobol_.point(static_cast<std::uint32_t>(state_.grasp_id), shift);
-    state_.psi = synergy_.low + (synergy_.high - synergy_.low).cwiseProduct(Vec3(u[0], u[1], u[2]));
+    state_.psi = synergy_.low;
+    for (Eigen::Index k = 0; k < state_.psi.size(); ++k)
+        state_.psi[k] += (synergy_.high[k] - synergy_.low[k]) * u[static_cast<std::size_t>(k)];
     const Placement placement{u[3], u[4], Vec3(u[5], u[6], u[7])};
     const double force_ratio = options_.pinch_force_max_N / options_.pinch_force_min_N;
     state_.pinch_force_N = options_.pinch_force_min_N * std::pow(force_ratio, u[8]);
-    const double share = 0.42 + 0.16 * u[9]; // finger 1's of the pinch force
-    finger_force_N_ = {state_.pinch_force_N * share, state_.pinch_force_N * (1 - share)};
+    first_side_force_N_ = uneven_shares(hand_.first_side.size(), u[9]);
+    for (double &force : first_side_force_N_)
+        force *= state_.pinch_force_N;
     preshape_ = synergy_.posture(state_.psi);
     const auto family = static_cast<ToolFamily>(families[random_.index(static_cast<int>(families.size()))]);
     // wrist: the direction of gravity in H is uniform on the sphere
@@ -169,21 +238,20 @@ bool GraspWorker::place(const std::vector<int> &families, int number)
     state_.base_pose << 0, 0, 0, rx, ry, rz;
 
     const auto pose_hand = [&] {
-        for (int i = 0; i < kBaseJoints; ++i)
-            d->qpos[hand_.base_qpos[i]] = d->ctrl[hand_.base_actuator[i]] = state_.base_pose[i];
-        for (int j = 0; j < kJoints; ++j) {
-            d->qpos[hand_.qpos[j]] = preshape_[j];
-            if (hand_.roll_actuator[j] >= 0)
-                d->ctrl[hand_.roll_actuator[j]] = preshape_[j];
+        for (std::size_t i = 0; i < kBaseJoints; ++i)
+            d->qpos[hand_.base_qpos[i]] = d->ctrl[hand_.base_actuator[i]] =
+                state_.base_pose[static_cast<Eigen::Index>(i)];
+        for (const Branch &branch : hand_.branches) {
+            for (std::size_t c = 0; c < branch.qpos.size(); ++c)
+                d->qpos[branch.qpos[c]] = preshape_[branch.first_joint + static_cast<Eigen::Index>(c)];
+            for (const Drive &drive : branch.drives)
+                if (drive.held_joint >= 0)
+                    command(drive, 0, drive.gear * preshape_[branch.first_joint + drive.held_joint]);
         }
         guarded([&] { mj_kinematics(m, d); });
     };
     pose_hand();
-    std::array<Vec3, kBranches> tip;
-    std::array<double, kBranches> radius;
-    for (int b = 0; b < kBranches; ++b)
-        tip[b] = hand_.tip_in_palm(*d, b), radius[b] = hand_.branches[b].tip_radius_m;
-    if (!draw_tool(random_, options_, family, placement, tip, radius, state_.tool, placed_))
+    if (!draw_tool(random_, options_, family, placement, hand_.pinch(*m, *d), state_.tool, placed_))
         return reject(Rejection::no_fit);
 
     install_tool(*m, *d, hand_, state_.tool);
@@ -195,35 +263,120 @@ bool GraspWorker::place(const std::vector<int> &families, int number)
     mju_copy(d->qpos + hand_.tool_qpos, qpos, 7);
     warnings_before_ = count_warnings(*d);
     refresh();
-    return d->ncon == 0 || reject(Rejection::overlap);
+    return tool_contacts() == 0 || reject(Rejection::overlap);
 }
 
-// Sets the tendons' commands so that their tensions balance the return springs and, by `share`, press the fingertips
-// on the tool: fingers towards the thumb's tip, the thumb against the sum of both.
-void GraspWorker::set_tensions(double share)
+// The command with which a drive of this length gives `force` (N).
+void GraspWorker::command(const Drive &drive, double force, double length)
+{
+    data_->ctrl[drive.actuator] = drive.stiffness / drive.gain * length + (force - drive.offset) / drive.gain;
+}
+
+// Sets the drives' commands so that they balance what the hand's own springs do and, by `share`, press the fingertips
+// on the tool: those of the first side towards the middle of the second, those of the second against the sum of these.
+void GraspWorker::press(double share)
+{
+    const auto tip_of = [&](int b) { return hand_.tip_in_palm(*data_, b); };
+    Vec3 opposite = tip_of(hand_.second_side[0]);
+    for (std::size_t i = 1; i < hand_.second_side.size(); ++i)
+        opposite += tip_of(hand_.second_side[i]);
+    const double part = 1.0 / static_cast<double>(hand_.second_side.size());
+    opposite *= part;
+    Vec3 rest = Vec3::Zero();
+    for (std::size_t i = 0; i < hand_.first_side.size(); ++i) {
+        const int b = hand_.first_side[i];
+        const Vec3 tip = tip_of(b), force = first_side_force_N_[i] * share * (opposite - tip).normalized();
+        rest -= force;
+        press_branch(b, tip, force);
+    }
+    for (const int b : hand_.second_side)
+        press_branch(b, tip_of(b), part * rest);
+}
+
+void GraspWorker::press_branch(int b, const Vec3 &tip, const Vec3 &force)
 {
     mjData *d = data_.get();
-    std::array<Vec3, kBranches> tip;
-    for (int b = 0; b < kBranches; ++b)
-        tip[b] = hand_.tip_in_palm(*d, b);
-    std::array<Vec3, kBranches> force;
-    for (int b = 0; b < 2; ++b)
-        force[b] = finger_force_N_[b] * share * (tip[2] - tip[b]).normalized();
-    force[2] = -force[0] - force[1];
-    for (int b = 0; b < kBranches; ++b) {
-        const Branch &branch = hand_.branches[b];
-        BranchVector torque = hand_.branch_jacobian(*d, b, tip[b]).transpose() * force[b];
-        for (int c = 0; c < kCoords; ++c)
-            if (branch.qpos[c] >= 0)
-                torque[c] += branch.spring_Nm_rad[c] * (d->qpos[branch.qpos[c]] - branch.spring_reference_rad[c]);
-        // the distal joint has one tendon; the proximal flexor takes what that one leaves
-        const Tendon &proximal = hand_.tendons[b * kTendonsPerBranch],
-                     &distal = hand_.tendons[b * kTendonsPerBranch + 1];
-        const double t_distal = std::max(0.0, torque[2] / distal.arm_m[2]);
-        const double t_proximal = std::max(0.0, (torque[1] - distal.arm_m[1] * t_distal) / proximal.arm_m[1]);
-        d->ctrl[proximal.actuator] = d->ten_length[proximal.tendon] - t_proximal / proximal.stiffness_N_m;
-        d->ctrl[distal.actuator] = d->ten_length[distal.tendon] - t_distal / distal.stiffness_N_m;
+    const int nv = model_->nv;
+    const Branch &branch = hand_.branches[static_cast<std::size_t>(b)];
+    const Jacobian B = hand_.branch_jacobian(*d, b, tip);
+    Vector torque(branch.coordinates());
+    for (int c = 0; c < branch.coordinates(); ++c) {
+        const int address = branch.qpos[static_cast<std::size_t>(c)];
+        torque[c] = B.col(c).dot(force);
+        torque[c] += branch.spring_Nm_rad[c] * (d->qpos[address] - branch.spring_reference_rad[c]);
     }
+    const auto row = [&](const mjtNum *dense, int i) {
+        Vector out(branch.coordinates());
+        for (int c = 0; c < branch.coordinates(); ++c)
+            out[c] = dense[i * nv + branch.dof[static_cast<std::size_t>(c)]];
+        return out;
+    };
+    for (const int t : branch.springs)
+        torque += model_->tendon_stiffness[t] * (d->ten_length[t] - model_->tendon_lengthspring[t]) * row(d->ten_J, t);
+
+    std::vector<double> forces(branch.drives.size());
+    if (!branch.by_coordinate.empty()) { // from the tip inwards, each drive takes what those before leave
+        for (int c = branch.coordinates() - 1; c >= 0; --c) {
+            const int i = branch.by_coordinate[static_cast<std::size_t>(c)];
+            if (i < 0)
+                continue;
+            const Drive &drive = branch.drives[static_cast<std::size_t>(i)];
+            const Vector moment = row(d->actuator_moment, drive.actuator);
+            const double wanted = torque[c] / moment[c];
+            forces[static_cast<std::size_t>(i)] = drive.high_N <= 0 ? std::min(0.0, wanted) : wanted;
+            torque -= forces[static_cast<std::size_t>(i)] * moment;
+        }
+    } else {
+        std::vector<Generator> generators;
+        for (std::size_t i = 0; i < branch.drives.size(); ++i) {
+            const Drive &drive = branch.drives[i];
+            if (drive.held_joint < 0)
+                generators.push_back({row(d->actuator_moment, drive.actuator), drive.low_N, drive.high_N, &forces[i]});
+        }
+        std::vector<double> held(branch.couplings.size()); // they give what they must
+        for (std::size_t i = 0; i < held.size(); ++i)
+            generators.push_back({branch.couplings[i], -kEndless, kEndless, &held[i]});
+        for (int c = 0; c < branch.coordinates(); ++c)
+            if (!branch.pressed[static_cast<std::size_t>(c)]) {
+                torque[c] = 0;
+                for (Generator &g : generators)
+                    g.moment[c] = 0;
+            }
+        least_squares(generators, torque);
+    }
+    const Vector posture = posture_held(branch, B, force);
+    for (std::size_t i = 0; i < branch.drives.size(); ++i) {
+        const Drive &drive = branch.drives[i];
+        if (drive.held_joint >= 0)
+            continue;
+        const int joint = model_->actuator_trnid[2 * drive.actuator];
+        const auto found = std::find(branch.joint.begin(), branch.joint.end(), joint);
+        const bool by_posture = posture.size() > 0 && !drive.is_tendon && found != branch.joint.end();
+        const double length =
+            by_posture ? drive.gear * posture[found - branch.joint.begin()] : d->actuator_length[drive.actuator];
+        command(drive, forces[i], length);
+    }
+}
+
+// Where the servos of a branch hold it while it presses: in the shape that it was given, moved along with the tip in the
+// direction of the force alone, in which they must not hold it back. Empty where something else than servos drives it.
+Vector GraspWorker::posture_held(const Branch &branch, const Jacobian &B, const Vec3 &force) const
+{
+    Vector stiffness = Vector::Zero(branch.coordinates());
+    for (const Drive &drive : branch.drives)
+        for (int c = 0; c < branch.coordinates() && !drive.is_tendon; ++c)
+            if (model_->actuator_trnid[2 * drive.actuator] == branch.joint[static_cast<std::size_t>(c)])
+                stiffness[c] += drive.stiffness * drive.gear * drive.gear;
+    if (stiffness.size() == 0 || stiffness.minCoeff() <= 0)
+        return Vector();
+    const Vector shape = preshape_.segment(branch.first_joint, branch.coordinates());
+    if (force.isZero(0))
+        return shape;
+    Vector moved(branch.coordinates());
+    for (int c = 0; c < branch.coordinates(); ++c)
+        moved[c] = data_->qpos[branch.qpos[static_cast<std::size_t>(c)]] - shape[c];
+    const Vector along = B.transpose() * force.normalized(), give = along.cwiseQuotient(stiffness);
+    return shape + give * (along.dot(moved) / along.dot(give));
 }
 
 // A critically damped virtual spring to the placed pose, and the tool's weight, both times `gain`.
@@ -250,13 +403,13 @@ void GraspWorker::close_hand()
     const double dt = model_->opt.timestep;
     const int ramp = steps_of(options_.close_s, dt), all = ramp + steps_of(options_.dwell_s, dt);
     for (int i = 0; i < all && !diverged(); ++i) {
-        set_tensions(std::min(1.0, static_cast<double>(i) / ramp));
+        press(std::min(1.0, static_cast<double>(i) / ramp));
         hold_tool(1);
         step();
     }
 }
 
-// From here on the tendons' commands stand still: each is a spring that can only pull.
+// From here on the commands stand still: each drive is a spring, a cable one that can only pull.
 void GraspWorker::release()
 {
     const int n = steps_of(options_.release_s, model_->opt.timestep);
@@ -281,7 +434,7 @@ bool GraspWorker::settle()
     for (int k = 0; k < most; ++k) {
         for (int i = 0; i < window; ++i) {
             step();
-            if (diverged() || data_->ncon == 0)
+            if (diverged() || tool_contacts() == 0)
                 return false;
         }
         const Pose now = hand_.tool_in_palm(*data_);
@@ -293,35 +446,42 @@ bool GraspWorker::settle()
     return false;
 }
 
-bool GraspWorker::at_joint_limit() const
+bool GraspWorker::at_joint_limit(const ContactState &touching) const
 {
-    for (const Branch &branch : hand_.branches)
-        for (int c = 0; c < kCoords; ++c) {
-            if (branch.qpos[c] < 0)
-                continue;
-            const double q = data_->qpos[branch.qpos[c]];
+    for (std::size_t b = 0; b < hand_.branches.size(); ++b) {
+        const Branch &branch = hand_.branches[b];
+        for (int c = 0; c < branch.coordinates() && touching.branch[b].in_contact; ++c) {
+            const double q = data_->qpos[branch.qpos[static_cast<std::size_t>(c)]];
             if (q < branch.low_rad[c] + kBoundMargin || q > branch.high_rad[c] - kBoundMargin)
                 return true;
         }
+    }
     return false;
 }
 
-// Whether the settled state is a grasp by the three fingertips.
+// Whether the settled state is a grasp by enough fingertips, of every group at least one.
 bool GraspWorker::holds()
 {
     refresh();
     const ContactState c = contacts();
     if (c.other > 0)
         return reject(Rejection::other_contact);
-    for (int b = 0; b < kBranches; ++b) {
-        if (c.count[b] == 0)
+    int missing = hand_.count() - hand_.least_holding(); // that may be
+    std::vector<bool> touched(static_cast<std::size_t>(hand_.groups));
+    for (std::size_t b = 0; b < hand_.branches.size(); ++b) {
+        if (c.count[b] == 0 && --missing < 0)
             return reject(Rejection::no_contact);
+        if (c.count[b] == 0)
+            continue;
+        touched[static_cast<std::size_t>(hand_.branches[b].group)] = true;
         if (c.count[b] > 1)
             return reject(Rejection::other_contact);
         if (c.branch[b].normal_force < options_.contact_force_min_N)
             return reject(Rejection::weak_contact);
     }
-    if (at_joint_limit())
+    if (std::find(touched.begin(), touched.end(), false) != touched.end())
+        return reject(Rejection::no_contact);
+    if (at_joint_limit(c))
         return reject(Rejection::joint_limit);
     const Wrench by = displacement(placed_, hand_.tool_in_palm(*data_));
     const bool near =
@@ -338,7 +498,7 @@ bool GraspWorker::attempt(const std::vector<int> &families, int number)
         return reject(Rejection::fell);
     release();
     if (diverged() || !settle())
-        return reject(diverged() || data_->ncon == 0 ? Rejection::fell : Rejection::not_settled);
+        return reject(diverged() || tool_contacts() == 0 ? Rejection::fell : Rejection::not_settled);
     return holds();
 }
 
@@ -357,7 +517,7 @@ const GraspState &GraspWorker::make(std::uint64_t shard, std::uint64_t index, st
     }
     throw std::runtime_error("grasp " + std::to_string(grasp_id) + ": none of " +
                              std::to_string(options_.grasp_attempts) + " attempts held the tool (" +
-                             worst_rejection(state_.rejections) +
+                             in_words(state_.rejections) +
                              "); widen the tool, synergy and force ranges or raise grasp_attempts");
 }
 
@@ -368,6 +528,7 @@ void GraspWorker::save()
     saved_.time = d.time;
     saved_.qpos.assign(d.qpos, d.qpos + m.nq);
     saved_.qvel.assign(d.qvel, d.qvel + m.nv);
+    saved_.act.assign(d.act, d.act + m.na);
     saved_.warmstart.assign(d.qacc_warmstart, d.qacc_warmstart + m.nv);
     saved_.ctrl.assign(d.ctrl, d.ctrl + m.nu);
 }
@@ -380,6 +541,7 @@ void GraspWorker::restore()
     d->time = saved_.time;
     std::copy(saved_.qpos.begin(), saved_.qpos.end(), d->qpos);
     std::copy(saved_.qvel.begin(), saved_.qvel.end(), d->qvel);
+    std::copy(saved_.act.begin(), saved_.act.end(), d->act);
     std::copy(saved_.warmstart.begin(), saved_.warmstart.end(), d->qacc_warmstart);
     std::copy(saved_.ctrl.begin(), saved_.ctrl.end(), d->ctrl);
     refresh();
@@ -396,14 +558,16 @@ void GraspWorker::describe()
     state_.tension_N = tensions();
     const Vec3 gravity(model_->opt.gravity[0], model_->opt.gravity[1], model_->opt.gravity[2]);
     state_.gravity_m_s2 = hand_.palm(*data_).R.transpose() * gravity;
-    for (int b = 0; b < kBranches; ++b) {
+    for (int i = 0; i < hand_.count(); ++i) {
+        const auto b = static_cast<std::size_t>(i);
         state_.j_x[b].setZero();
-        state_.j_q[b].setZero();
+        state_.j_q[b].setZero(3, hand_.coordinates);
         const ContactState::Row &row = state_.contacts.branch[b];
         if (!row.in_contact)
             continue;
         state_.j_x[b] << Mat3::Identity(), -skew(row.position - state_.tool_in_palm.p);
-        state_.j_q[b] = -hand_.branch_jacobian(*data_, b, row.position);
+        state_.j_q[b].rightCols(hand_.branches[b].coordinates()) = hand_.branch_jacobian(*data_, i, row.position);
+        state_.j_q[b] *= -1;
     }
 }
 

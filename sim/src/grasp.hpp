@@ -22,11 +22,12 @@ struct ContactState {
         Vec3 position = Vec3::Zero(), normal = Vec3::Zero(); // normal into the tool
         double normal_force = 0;
         Vec3 force = Vec3::Zero(); // on the tool
+        int geom = -1;             // of the fingertip
     };
-    std::array<Row, kBranches> branch;
-    std::array<int, kBranches> count{}; // contacts of each fingertip with the tool
-    int other = 0;                      // contacts of the tool with anything but a fingertip
-    double worst_penetration = 0;       // m
+    std::array<Row, kMostBranches> branch;
+    std::array<int, kMostBranches> count{}; // contacts of each fingertip with the tool
+    int other = 0;                          // contacts of the tool with anything but a fingertip
+    double worst_penetration = 0;           // m
 };
 
 // Why an attempt at a grasp was thrown away; the order is that of `rejections` in a data set.
@@ -36,7 +37,7 @@ enum class Rejection : int {
     fell,          // it left the hand, or the engine gave up
     not_settled,   // it did not come to rest
     other_contact, // it touches something other than a fingertip, or a fingertip twice
-    no_contact,    // a fingertip does not touch it
+    no_contact,    // too few fingertips touch it, or none of a group
     weak_contact,  // one presses too little
     joint_limit,   // a joint is at a limit
     moved          // the tool moved too far from where it was put
@@ -48,14 +49,14 @@ extern const std::array<const char *, kRejections> kRejectionNames;
 // What a settled grasp is, before any load.
 struct GraspState {
     std::int64_t grasp_id = 0;
-    Vec3 psi = Vec3::Zero();
+    Vector psi;
     Tool tool;
-    JointVector q = JointVector::Zero();
+    Vector q;
     Pose tool_in_palm;
     ContactState contacts;
-    std::array<Eigen::Matrix<double, 3, AMINN_N_WRENCH>, kBranches> j_x;
-    std::array<Mat3, kBranches> j_q;
-    std::array<double, kTendons> tension_N{};
+    std::array<Eigen::Matrix<double, 3, kWrench>, kMostBranches> j_x;
+    std::array<Jacobian, kMostBranches> j_q; // columns as in a data set: a short branch has its own last
+    std::vector<double> tension_N;
     Wrench base_pose = Wrench::Zero(); // angles and positions of the base joints
     Vec3 gravity_m_s2 = Vec3::Zero();  // in H
     double pinch_force_N = 0, drift_m_s = 0;
@@ -83,12 +84,12 @@ struct Recheck {
 struct CaseResult {
     Load load;
     Wrench dx = Wrench::Zero(); // translation, rotation vector, H
-    JointVector q_after = JointVector::Zero();
+    Vector q_after;
     double creep_rate_m_s = 0, drift_m_s = 0, max_translation_m = 0, max_rotation_rad = 0;
     double worst_penetration_m = 0, solver_residual = 0, equilibrium_residual = 0, hold_time_s = 0, settle_time_s = -1;
     bool settled = false, contact_lost = false, tool_left = false, other_contact = false;
-    std::array<double, kBranches> lost_time_s{-1, -1, -1}; // from the start of the load; -1: not lost
-    std::array<double, kTendons> tension_after_N{};
+    std::array<double, kMostBranches> lost_time_s{-1, -1, -1, -1, -1}; // from the start of the load; -1: not lost
+    std::vector<double> tension_after_N;
     Reason reason = Reason::stable;
     bool rechecked = false;
     Recheck half_step, impratio; // half the time step; ten times impratio
@@ -106,7 +107,7 @@ int steps_of(double seconds, double dt);
 // The integration state that MuJoCo needs to continue bit by bit as it would have.
 struct SavedState {
     double time = 0;
-    std::vector<double> qpos, qvel, warmstart, ctrl;
+    std::vector<double> qpos, qvel, act, warmstart, ctrl;
 };
 
 // What all workers share.
@@ -184,14 +185,18 @@ class GraspWorker {
     void release();
     bool settle();
     bool holds();
-    bool at_joint_limit() const;
-    void set_tensions(double share);
+    bool at_joint_limit(const ContactState &touching) const;
+    int tool_contacts() const;
+    void press(double share);
+    void press_branch(int b, const Vec3 &tip, const Vec3 &force);
+    Vector posture_held(const Branch &branch, const Jacobian &B, const Vec3 &force) const;
+    void command(const Drive &drive, double force, double length);
     void hold_tool(double gain);
     bool diverged() const;
     double mean_rate(const Pose &from, const Pose &to, double seconds) const;
     void save();
     void describe();
-    std::array<double, kTendons> tensions() const;
+    std::vector<double> tensions() const;
     CaseResult run_case(const Load &load);
     Recheck again(const Load &load, double timestep, double impratio);
     double equilibrium_residual(const Wrench &w);
@@ -207,8 +212,8 @@ class GraspWorker {
     GraspState state_;
     SavedState saved_;
     Pose placed_; // the tool in H when it was put between the fingertips
-    JointVector preshape_;
-    std::array<double, 2> finger_force_N_{};
+    Vector preshape_;
+    std::vector<double> first_side_force_N_; // of each of its branches
     int warnings_before_ = 0;
     std::int64_t steps_ = 0;
     const std::atomic<bool> *stop_;

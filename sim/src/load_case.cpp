@@ -31,7 +31,7 @@ struct Watch {
     const Pose before;
     const double dt;
     CaseResult &result;
-    std::array<int, kBranches> open_steps{};
+    std::array<int, kMostBranches> open_steps{};
 
     // Takes in the present state at `time`; returns true when the case is clearly lost.
     bool look(double time, const ContactState &c, const ContactState &had, const Pose &now)
@@ -39,7 +39,7 @@ struct Watch {
         result.worst_penetration_m = std::max(result.worst_penetration_m, c.worst_penetration);
         result.other_contact |= c.other > 0;
         watch_contacts(time, c, had);
-        const bool touched = c.count[0] + c.count[1] + c.count[2] > 0;
+        const bool touched = std::any_of(c.count.begin(), c.count.end(), [](int n) { return n > 0; });
         const Wrench moved = displacement(before, now);
         const double translation = moved.head<3>().norm(), rotation = moved.tail<3>().norm();
         result.max_translation_m = std::max(result.max_translation_m, translation);
@@ -53,7 +53,7 @@ struct Watch {
     void watch_contacts(double time, const ContactState &c, const ContactState &had)
     {
         const int limit = steps_of(options.lost_contact_s, dt);
-        for (std::size_t b = 0; b < kBranches; ++b) {
+        for (std::size_t b = 0; b < kMostBranches; ++b) {
             open_steps[b] = had.branch[b].in_contact && !c.branch[b].in_contact ? open_steps[b] + 1 : 0;
             if (open_steps[b] <= limit || result.lost_time_s[b] >= 0)
                 continue;

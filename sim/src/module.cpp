@@ -4,9 +4,12 @@
 #include "contact_shapes.hpp"
 #include "engine.hpp"
 
+#include <nanobind/stl/array.h>
 #include <nanobind/stl/function.h>
+#include <nanobind/stl/pair.h>
 
 #include <chrono>
+#include <tuple>
 
 using namespace nanobind::literals;
 
@@ -15,68 +18,74 @@ namespace {
 
 using InVector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 
-// The manifest's `hand` entry.
-nb::dict hand_dict(const mjModel &m, const Hand &hand)
+// A number or text of a Python object.
+template <class T>
+T field(const nb::handle &object, const char *name)
 {
-    nb::dict out;
-    nb::list branches, joints, branch_joints, base, axis, a, b, radius, stiffness, spring, reference, low, high,
-        tendons;
-    for (const char *name : kBranchNames)
-        branches.append(name);
-    for (const char *name : kJointNames)
-        joints.append(name);
-    for (int i = 0; i < kBranches; ++i) {
-        const Branch &branch = hand.branches[i];
-        nb::list indices, axes;
-        for (int c = 0; c < kCoords; ++c) {
-            indices.append(kBranchJoints[i][c]);
-            axes.append(vector_list(branch.axis[c]));
-        }
-        branch_joints.append(indices);
-        axis.append(axes);
-        base.append(vector_list(branch.base_m));
-        a.append(vector_list(branch.link_a_m));
-        b.append(vector_list(branch.link_b_m));
-        radius.append(branch.tip_radius_m);
-        stiffness.append(vector_list(branch.stiffness_Nm_rad));
-        spring.append(vector_list(branch.spring_Nm_rad));
-        reference.append(vector_list(branch.spring_reference_rad));
-        low.append(vector_list(branch.low_rad));
-        high.append(vector_list(branch.high_rad));
+    return nb::cast<T>(object.attr(name));
+}
+
+Vec3 vec3_of(const nb::handle &object)
+{
+    const auto x = nb::cast<std::array<double, 3>>(object);
+    return {x[0], x[1], x[2]};
+}
+
+// From a Python `Hand` and what the scene that it is in adds to it (see `scene.SceneParts`).
+HandParts parts_of(const nb::handle &hand, const nb::handle &scene)
+{
+    HandParts out;
+    out.prefix = field<std::string>(scene, "prefix");
+    out.palm = field<std::string>(scene, "palm");
+    out.forward = vec3_of(scene.attr("forward"));
+    out.tool_axis = vec3_of(hand.attr("tool_axis"));
+    out.torsional_friction_m = field<double>(hand.attr("contact"), "torsional_friction_m");
+    std::tie(out.first_side, out.second_side) =
+        nb::cast<std::pair<std::vector<int>, std::vector<int>>>(hand.attr("sides"));
+    const auto tips = field<std::vector<std::vector<std::string>>>(scene, "tips");
+    for (const nb::handle branch : hand.attr("branches")) {
+        BranchParts part;
+        part.name = field<std::string>(branch, "name");
+        part.group = field<std::string>(branch, "group");
+        part.tip_body = field<std::string>(branch, "tip");
+        part.tip_point_m = vec3_of(branch.attr("tip_point_m"));
+        part.tip_geoms = tips.at(out.branches.size());
+        for (const nb::handle coordinate : branch.attr("coordinates"))
+            part.joints.push_back(field<std::string>(coordinate, "joint"));
+        for (const nb::handle tendon : branch.attr("tendons"))
+            part.tendons.push_back(field<std::string>(tendon, "name"));
+        out.branches.push_back(std::move(part));
     }
-    for (const Tendon &t : hand.tendons) {
-        nb::dict d;
-        d["branch"] = t.branch;
-        d["moment_arm_m"] = vector_list(t.arm_m);
-        d["stiffness_N_m"] = t.stiffness_N_m;
-        d["max_tension_N"] = t.max_tension_N;
-        d["name"] = mj_id2name(&m, mjOBJ_TENDON, t.tendon);
-        tendons.append(d);
-    }
-    out["branches"] = branches;
-    out["joints"] = joints;
-    out["branch_joints"] = branch_joints;
-    out["base_m"] = base;
-    out["axis"] = axis;
-    out["link_a_m"] = a;
-    out["link_b_m"] = b;
-    out["tip_radius_m"] = radius;
-    out["joint_stiffness_Nm_rad"] = stiffness;
-    out["joint_spring_Nm_rad"] = spring;
-    out["joint_spring_reference_rad"] = reference;
-    out["joint_low_rad"] = low;
-    out["joint_high_rad"] = high;
-    out["tendons"] = tendons;
     return out;
 }
 
-template <int N>
-Eigen::Matrix<double, N, 1> in_vector(const InVector &x, const char *name)
+Synergy synergy_of(const nb::handle &synergy)
 {
-    if (x.shape(0) != N)
+    const auto vector = [](const std::vector<double> &x) {
+        return Vector(Eigen::Map<const Vector>(x.data(), static_cast<Eigen::Index>(x.size())));
+    };
+    Synergy s;
+    s.neutral = vector(field<std::vector<double>>(synergy, "neutral_rad"));
+    s.delta = vector(field<std::vector<double>>(synergy, "delta"));
+    const auto columns = field<std::vector<std::vector<double>>>(synergy, "columns");
+    const auto ranges = field<std::vector<std::array<double, 2>>>(synergy, "ranges");
+    const auto n = static_cast<Eigen::Index>(columns.size());
+    s.basis.resize(s.neutral.size(), n);
+    s.low.resize(n), s.high.resize(n);
+    for (Eigen::Index k = 0; k < n; ++k) {
+        s.basis.col(k) = vector(columns[static_cast<std::size_t>(k)]);
+        s.low[k] = ranges[static_cast<std::size_t>(k)][0];
+        s.high[k] = ranges[static_cast<std::size_t>(k)][1];
+    }
+    return s;
+}
+
+Vector in_vector(const InVector &x, Eigen::Index n, const char *name)
+{
+    if (x.shape(0) != static_cast<std::size_t>(n))
         throw std::invalid_argument(std::string(name) + " has " + std::to_string(x.shape(0)) + " entries, expected " +
-                                    std::to_string(N));
-    Eigen::Matrix<double, N, 1> v = Eigen::Map<const Eigen::Matrix<double, N, 1>>(x.data());
+                                    std::to_string(n));
+    Vector v = Eigen::Map<const Vector>(x.data(), n);
     if (!v.allFinite())
         throw std::invalid_argument(std::string(name) + " is not finite");
     return v;
@@ -100,30 +109,15 @@ void check_families(const std::vector<int> &families)
             throw std::invalid_argument("no tool family " + std::to_string(f));
 }
 
-// Fingertips that also pass on a moment about the contact's normal, up to `torsional_m` times the normal force.
-void soften_fingertips(mjModel &m, const Hand &hand, double torsional_m)
+// Contacts of the tool that also pass on a moment about their normal, up to `torsional_m` times the normal force.
+void soften(mjModel &m, const Hand &hand, double torsional_m)
 {
     if (torsional_m <= 0)
         return;
-    for (const Branch &branch : hand.branches) {
-        m.geom_condim[branch.tip_geom] = 4;
-        m.geom_friction[3 * branch.tip_geom + 1] = torsional_m;
+    for (const int g : hand.tool_geoms) {
+        m.geom_condim[g] = 4;
+        m.geom_friction[3 * g + 1] = torsional_m;
     }
-}
-
-Synergy make_synergy(const InVector &neutral, const std::vector<InVector> &columns, const InVector &delta,
-                     const InVector &low, const InVector &high)
-{
-    if (columns.size() != 3)
-        throw std::invalid_argument("columns has " + std::to_string(columns.size()) + " entries, expected 3");
-    Synergy s;
-    s.neutral = in_vector<kJoints>(neutral, "neutral");
-    for (int k = 0; k < 3; ++k)
-        s.basis.col(k) = in_vector<kJoints>(columns[static_cast<std::size_t>(k)], "columns");
-    s.delta = in_vector<3>(delta, "delta");
-    s.low = in_vector<3>(low, "low");
-    s.high = in_vector<3>(high, "high");
-    return s;
 }
 
 double seconds_now()
@@ -132,14 +126,22 @@ double seconds_now()
     return std::chrono::duration<double>(Clock::now().time_since_epoch()).count();
 }
 
+Widths widths_of(const Hand &hand, const Synergy &synergy)
+{
+    return {hand.branches.size(), static_cast<std::size_t>(hand.coordinates), hand.qpos.size(), hand.tendons.size(),
+            static_cast<std::size_t>(synergy.delta.size())};
+}
+
 // A compiled model to simulate shards of.
 class Simulator {
   public:
     // `files` by name, `scene` the one that the engine begins with. Below /dev/null the engine finds no others.
-    Simulator(const std::map<std::string, std::string> &files, const std::string &scene, double torsional_friction_m,
+    Simulator(const std::map<std::string, std::string> &files, const std::string &scene, const HandParts &parts,
               const Synergy &synergy)
-        : Simulator(load_files(files, "/dev/null/" + scene), torsional_friction_m, synergy)
+        : prototype_{load_files(files, "/dev/null/" + scene), Hand(), synergy}
     {
+        prototype_.hand = Hand(*prototype_.model, parts);
+        soften(*prototype_.model, prototype_.hand, parts.torsional_friction_m);
     }
 
     nb::dict shard(const Options &options, std::uint64_t seed, std::uint64_t shard, std::int64_t first_grasp_id,
@@ -161,20 +163,20 @@ class Simulator {
             const nb::gil_scoped_release free;
             result = simulate_shard(prototype_, options, request, poll);
         }
-        return shard_arrays(result);
+        return shard_arrays(result, widths());
     }
 
     void check(const Options &options) const
     {
         check_options(options, prototype_.model->opt.timestep);
     }
-    nb::dict hand() const
-    {
-        return hand_dict(*prototype_.model, prototype_.hand);
-    }
     const Prototype &prototype() const
     {
         return prototype_;
+    }
+    Widths widths() const
+    {
+        return widths_of(prototype_.hand, prototype_.synergy);
     }
     // Distance of the fingertips' surfaces across the pinch (m) in the posture of psi.
     double gap(const InVector &psi) const
@@ -183,31 +185,24 @@ class Simulator {
         const Hand &hand = prototype_.hand;
         const DataPtr data = make_data(*m);
         mjData *d = data.get();
-        const JointVector q = prototype_.synergy.posture(in_vector<3>(psi, "psi"));
+        const Vector q = prototype_.synergy.posture(in_vector(psi, prototype_.synergy.delta.size(), "psi"));
         guarded([&] { mj_resetData(m, d); });
-        for (int j = 0; j < kJoints; ++j)
-            d->qpos[hand.qpos[j]] = q[j];
+        for (int j = 0; j < hand.joint_count(); ++j)
+            d->qpos[hand.qpos[static_cast<std::size_t>(j)]] = q[j];
         guarded([&] { mj_kinematics(m, d); });
-        const Vec3 middle = 0.5 * (hand.tip_in_palm(*d, 0) + hand.tip_in_palm(*d, 1));
-        return (middle - hand.tip_in_palm(*d, 2)).norm() - hand.branches[0].tip_radius_m -
-               hand.branches[2].tip_radius_m;
+        const Pinch pinch = hand.pinch(*m, *d);
+        return (pinch.first - pinch.second).norm() - pinch.first_reach - pinch.second_reach;
     }
     Array<double> psi_of(const InVector &q) const
     {
-        return out_array(prototype_.synergy.psi(in_vector<kJoints>(q, "q")));
+        return out_array(prototype_.synergy.psi(in_vector(q, prototype_.synergy.neutral.size(), "q")));
     }
     Array<double> posture_of(const InVector &psi) const
     {
-        return out_array(prototype_.synergy.posture(in_vector<3>(psi, "psi")));
+        return out_array(prototype_.synergy.posture(in_vector(psi, prototype_.synergy.delta.size(), "psi")));
     }
 
   private:
-    Simulator(ModelPtr model, double torsional_friction_m, const Synergy &synergy)
-        : prototype_{std::move(model), Hand(), synergy}
-    {
-        prototype_.hand = Hand(*prototype_.model);
-        soften_fingertips(*prototype_.model, prototype_.hand, torsional_friction_m);
-    }
     Prototype prototype_;
 };
 
@@ -216,7 +211,7 @@ class Session {
   public:
     Session(const Simulator &simulator, const Options &options, std::uint64_t seed, std::uint64_t shard,
             std::uint64_t index, std::int64_t grasp_id, const std::vector<int> &families)
-        : worker_(simulator.prototype(), options, seed)
+        : worker_(simulator.prototype(), options, seed), widths_(simulator.widths())
     {
         check_families(families);
         const nb::gil_scoped_release free;
@@ -227,13 +222,13 @@ class Session {
     {
         const std::vector<GraspState> one{worker_.state()};
         nb::dict out;
-        grasp_columns(out, one);
-        state_columns(out, one, [](const GraspState &g) -> const GraspState & { return g; });
+        grasp_columns(out, one, widths_);
+        state_columns(out, one, widths_, [](const GraspState &g) -> const GraspState & { return g; });
         return out;
     }
     nb::dict load(const InVector &w_e, bool recheck)
     {
-        const Load load{in_vector<AMINN_N_WRENCH>(w_e, "w_e"), worker_.state().tool_in_palm.p};
+        const Load load{in_vector(w_e, kWrench, "w_e"), worker_.state().tool_in_palm.p};
         return run(load, recheck);
     }
     // The next load of this grasp in its data set: draws and runs it.
@@ -246,11 +241,27 @@ class Session {
     Array<double> contact_forces()
     {
         worker_.restore();
-        Mat3 rows;
+        Eigen::MatrixXd rows(worker_.hand().count(), 3);
         const ContactState c = worker_.contacts();
-        for (int b = 0; b < kBranches; ++b)
+        for (int b = 0; b < rows.rows(); ++b)
             rows.row(b) = c.branch[static_cast<std::size_t>(b)].force.transpose();
         return out_array(rows);
+    }
+    // The fingertip's geom under contact b: MuJoCo's type, size, position and rotation in H.
+    nb::tuple fingertip_geom(int b)
+    {
+        worker_.restore();
+        const mjModel &m = worker_.model();
+        const mjData &d = worker_.data();
+        const int g = contact(b).geom;
+        if (g < 0)
+            throw std::invalid_argument("branch " + std::to_string(b) + " does not touch the tool");
+        using RowMajor = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
+        const Pose H = worker_.hand().palm(d);
+        const Vec3 p = H.R.transpose() * (Eigen::Map<const Vec3>(d.geom_xpos + 3 * g) - H.p);
+        const Mat3 R = H.R.transpose() * Eigen::Map<const RowMajor>(d.geom_xmat + 9 * g);
+        return nb::make_tuple(m.geom_type[g], out_array(Eigen::Map<const Vec3>(m.geom_size + 3 * g)), out_array(p),
+                              out_array(R));
     }
     // The settled state, and the tool as it stands in the model.
     nb::dict scene()
@@ -307,32 +318,33 @@ class Session {
         return out;
     }
 
-    // Where the fingertip's material point that now touches the tool goes when the joints turn by dq (8), m, H.
+    // Where the fingertip's material point that now touches the tool goes when the joints turn by dq (J), m, H.
     Array<double> fingertip_point(int b, const InVector &dq)
     {
-        const JointVector turn = in_vector<kJoints>(dq, "dq");
+        const Hand &hand = worker_.hand();
+        const Vector turn = in_vector(dq, hand.joint_count(), "dq");
         worker_.restore();
         const auto &row = contact(b);
         mjData &d = worker_.data();
-        const Hand &hand = worker_.hand();
-        const Pose H = hand.palm(d), tip = Hand::body_pose(d, hand.branches[b].tip_body);
+        const int body = hand.branches[static_cast<std::size_t>(b)].tip_body;
+        const Pose H = hand.palm(d), tip = Hand::body_pose(d, body);
         const Vec3 local = tip.R.transpose() * (H.p + H.R * row.position - tip.p);
-        for (int j = 0; j < kJoints; ++j)
-            d.qpos[hand.qpos[j]] += turn[j];
+        for (int j = 0; j < hand.joint_count(); ++j)
+            d.qpos[hand.qpos[static_cast<std::size_t>(j)]] += turn[j];
         guarded([&] { mj_kinematics(&worker_.model(), &d); });
-        const Pose moved = Hand::body_pose(d, hand.branches[b].tip_body);
+        const Pose moved = Hand::body_pose(d, body);
         return out_array(H.R.transpose() * (moved.p + moved.R * local - H.p));
     }
     // Where the tool's material point under contact b goes when the tool moves by dx (6), m, H.
     Array<double> tool_point(int b, const InVector &dx) const
     {
-        const Wrench x = in_vector<AMINN_N_WRENCH>(dx, "dx");
+        const Wrench x = in_vector(dx, kWrench, "dx");
         const auto &row = contact(b);
         const Vec3 p = worker_.state().tool_in_palm.p, turn = x.tail<3>();
         const Mat3 R(Eigen::AngleAxisd(turn.norm(), turn.norm() > 0 ? Vec3(turn.normalized()) : Vec3::UnitX()));
         return out_array(p + x.head<3>() + R * (row.position - p));
     }
-    // The engine's own Jacobian of contact point b with respect to the 8 joints, 3x8, H.
+    // The engine's own Jacobian of contact point b with respect to the joints, 3xJ, H.
     Array<double> engine_jacobian(int b)
     {
         worker_.restore();
@@ -342,19 +354,20 @@ class Session {
         const Hand &hand = worker_.hand();
         const Pose H = hand.palm(d);
         const Vec3 point = H.p + H.R * row.position;
+        const int body = hand.branches[static_cast<std::size_t>(b)].tip_body;
         std::vector<double> jac(3 * static_cast<std::size_t>(m.nv));
-        guarded([&] { mj_jac(&m, &d, jac.data(), nullptr, point.data(), hand.branches[b].tip_body); });
-        Eigen::Matrix<double, 3, kJoints> out;
-        for (int j = 0; j < kJoints; ++j)
+        guarded([&] { mj_jac(&m, &d, jac.data(), nullptr, point.data(), body); });
+        Eigen::Matrix3Xd out(3, hand.joint_count());
+        for (int j = 0; j < hand.joint_count(); ++j)
             for (int i = 0; i < 3; ++i)
-                out(i, j) = jac[static_cast<std::size_t>(i * m.nv + hand.dof[j])];
+                out(i, j) = jac[static_cast<std::size_t>(i * m.nv + hand.dof[static_cast<std::size_t>(j)])];
         return out_array(H.R.transpose() * out);
     }
     // The tool alone in the air: no gravity, hand out of reach, wrench w_e for `seconds`. Gives its velocity (linear at
     // the tool's origin, angular; H) at the end.
     Array<double> free_flight(const InVector &w_e, double seconds)
     {
-        const Wrench w = in_vector<AMINN_N_WRENCH>(w_e, "w_e");
+        const Wrench w = in_vector(w_e, kWrench, "w_e");
         worker_.restore();
         mjData &d = worker_.data();
         const Hand &hand = worker_.hand();
@@ -375,17 +388,20 @@ class Session {
         out << H.R.transpose() * Vec3(v[0], v[1], v[2]), H.R.transpose() * T.R * Vec3(v[3], v[4], v[5]);
         return out_array(out);
     }
-    // Forces (N, negative = tension) that the tendon actuators give when every command is changed by dc (m).
+    // Forces (N, negative = tension) of the tendons' actuators, tendon by tendon, when every command is changed by dc (m).
     Array<double> tendon_forces(double dc)
     {
         worker_.restore();
         mjData &d = worker_.data();
-        Eigen::Matrix<double, kTendons, 1> f;
-        for (int i = 0; i < kTendons; ++i)
-            d.ctrl[worker_.hand().tendons[i].actuator] += dc;
+        std::vector<int> actuators;
+        for (const Tendon &t : worker_.hand().tendons)
+            actuators.insert(actuators.end(), t.actuators.begin(), t.actuators.end());
+        for (const int a : actuators)
+            d.ctrl[a] += dc;
         worker_.refresh();
-        for (int i = 0; i < kTendons; ++i)
-            f[i] = d.actuator_force[worker_.hand().tendons[i].actuator];
+        Vector f(static_cast<Eigen::Index>(actuators.size()));
+        for (Eigen::Index i = 0; i < f.size(); ++i)
+            f[i] = d.actuator_force[actuators[static_cast<std::size_t>(i)]];
         return out_array(f);
     }
     // Makes the engine report an error: a stack request that cannot be met.
@@ -404,7 +420,7 @@ class Session {
             one.push_back(worker_.load(load, recheck));
         }
         nb::dict out;
-        case_columns(out, one, [](const CaseResult &c) -> const CaseResult & { return c; });
+        case_columns(out, one, widths_, [](const CaseResult &c) -> const CaseResult & { return c; });
         const std::vector<std::pair<const GraspState *, const CaseResult *>> sample{{nullptr, &one[0]}};
         out["noise"] = noise_columns(sample);
         return out;
@@ -424,7 +440,7 @@ class Session {
         guarded([&] {
             for (std::int64_t i = 0; i < n; ++i) {
                 const double scale = smooth_ramp(static_cast<double>(i + 1) / ramp);
-                for (int k = 0; k < AMINN_N_WRENCH; ++k)
+                for (int k = 0; k < kWrench; ++k)
                     applied[k] = scale * world[k];
                 mj_step(m, d);
             }
@@ -433,11 +449,12 @@ class Session {
     }
     const ContactState::Row &contact(int b) const
     {
-        if (b < 0 || b >= kBranches)
+        if (b < 0 || b >= worker_.hand().count())
             throw std::invalid_argument("no branch " + std::to_string(b));
-        return worker_.state().contacts.branch[b];
+        return worker_.state().contacts.branch[static_cast<std::size_t>(b)];
     }
     GraspWorker worker_;
+    Widths widths_;
 };
 
 } // namespace
@@ -447,7 +464,7 @@ NB_MODULE(_core, m)
 {
     using namespace aminn::sim;
     namespace nb = nanobind;
-    m.doc() = "Grasps of a tendon hand in MuJoCo; see aminn_sim.simulate for the way in.";
+    m.doc() = "Grasps of a hand in MuJoCo; see aminn_sim.simulate for the way in.";
     install_handlers();
     nb::exception<MujocoError>(m, "MujocoError", PyExc_RuntimeError);
 
@@ -469,7 +486,6 @@ NB_MODULE(_core, m)
         reasons.append(name);
     m.attr("TOOL_FAMILIES") = nb::tuple(families);
     m.attr("REASONS") = nb::tuple(reasons);
-    m.attr("DIMENSIONS") = nb::make_tuple(kBranches, kCoords, kJoints, AMINN_N_CONTACT_FEATURE, AMINN_N_WRENCH);
     m.attr("MUJOCO_VERSION") = std::string(mj_versionString());
 
     nb::list rejections;
@@ -486,14 +502,14 @@ NB_MODULE(_core, m)
     m.def(
         "nearest_on_ellipsoid",
         [](const InVector &half, const InVector &point) {
-            const SurfacePoint s = nearest_on_ellipsoid(in_vector<3>(half, "half"), in_vector<3>(point, "point"));
+            const SurfacePoint s = nearest_on_ellipsoid(in_vector(half, 3, "half"), in_vector(point, 3, "point"));
             return nb::make_tuple(out_array(s.normal), s.distance);
         },
         "half"_a, "point"_a, "Outward normal at the surface point nearest to `point`, and the distance along it.");
     m.def(
         "nearest_on_cylinder",
         [](double radius, double half_length, const InVector &point) {
-            const SurfacePoint s = nearest_on_cylinder(radius, half_length, in_vector<3>(point, "point"));
+            const SurfacePoint s = nearest_on_cylinder(radius, half_length, in_vector(point, 3, "point"));
             return nb::make_tuple(out_array(s.normal), s.distance);
         },
         "radius"_a, "half_length"_a, "point"_a, "The same for a cylinder about z.");
@@ -501,18 +517,17 @@ NB_MODULE(_core, m)
     nb::class_<Simulator>(m, "Simulator", "A compiled hand and tool.")
         .def(
             "__init__",
-            [](Simulator *self, const nb::dict &files, const std::string &scene, double torsional_friction_m,
-               const InVector &neutral, const std::vector<InVector> &columns, const InVector &delta,
-               const InVector &low, const InVector &high) {
-                std::map<std::string, std::string> content;
-                for (const auto &[name, bytes] : files) {
-                    const auto text = nb::cast<nb::bytes>(bytes);
-                    content[nb::cast<std::string>(name)] = std::string(text.c_str(), text.size());
-                }
-                new (self)
-                    Simulator(content, scene, torsional_friction_m, make_synergy(neutral, columns, delta, low, high));
+            [](Simulator *self, const std::string &text, const nb::dict &assets, const nb::object &hand,
+               const nb::object &scene) {
+                static constexpr const char *kScene = "scene.xml";
+                std::map<std::string, std::string> files = bytes_by_name(assets);
+                files[kScene] = text;
+                new (self) Simulator(files, kScene, parts_of(hand, scene), synergy_of(hand.attr("synergy")));
             },
-            "files"_a, "scene"_a, "torsional_friction_m"_a, "neutral"_a, "columns"_a, "delta"_a, "low"_a, "high"_a)
+            "text"_a, "assets"_a, "hand"_a, "scene"_a,
+            "text: MJCF of hand, base and tool; assets: files that it names; hand: aminn_hand.Hand; scene: the names "
+            "of "
+            "the parts that are not the hand's (prefix, palm, tips, forward).")
         .def("shard", &Simulator::shard, "options"_a, "seed"_a, "shard"_a, "first_grasp_id"_a, "grasps"_a, "cases"_a,
              "threads"_a, "families"_a, "progress"_a = nb::none(),
              "Simulate a shard: dict of samples, grasps and noise (dicts of arrays) and of the engine's steps. Same "
@@ -520,11 +535,9 @@ NB_MODULE(_core, m)
              "for any number of threads. progress(cases done) is called from this thread; what it raises stops it.")
         .def("check", &Simulator::check, "options"_a,
              "Raise ValueError, with the option's name, where they cannot be simulated with this model.")
-        .def("hand", &Simulator::hand, "The manifest's entry `hand`, read from the compiled model.")
         .def("gap", &Simulator::gap, "psi"_a, "Distance of the fingertips across the pinch (m) at psi.")
-        .def("psi_of", &Simulator::psi_of, "q"_a,
-             "Synergy coordinates (size, spread, curl) of joint angles q (8, rad).")
-        .def("posture_of", &Simulator::posture_of, "psi"_a, "Joint angles (8, rad) of synergy coordinates.");
+        .def("psi_of", &Simulator::psi_of, "q"_a, "Synergy coordinates of joint angles q (rad).")
+        .def("posture_of", &Simulator::posture_of, "psi"_a, "Joint angles (rad) of synergy coordinates.");
 
     nb::class_<Session>(m, "Session", "One grasp, to be loaded and examined.")
         .def(nb::init<const Simulator &, const Options &, std::uint64_t, std::uint64_t, std::uint64_t, std::int64_t,
@@ -534,6 +547,7 @@ NB_MODULE(_core, m)
         .def("load", &Session::load, "w_e"_a, "recheck"_a = false)
         .def("next_case", &Session::next_case)
         .def("contact_forces", &Session::contact_forces)
+        .def("fingertip_geom", &Session::fingertip_geom, "branch"_a)
         .def("scene", &Session::scene)
         .def("speed", &Session::speed, "cases"_a)
         .def("fingertip_point", &Session::fingertip_point, "branch"_a, "dq"_a)

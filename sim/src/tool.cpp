@@ -34,6 +34,7 @@ constexpr double kTilt[3] = {0.0, 0.15, 0.10};              // rad, greatest, ab
 constexpr double kEllipsoidTilt[3] = {0.10, 0.15, 0.10};
 constexpr double kEllipsoidShift = 0.25; // of the shifts of the other families: its surface curves away
 constexpr double kEllipsoidSpan = 0.6;   // half distance of the fingers, at most, in units of the half length
+constexpr int kTouchesAll = 0x7fffffff;  // bits of what a geom of the tool collides with
 
 // A solid of revolution about x, of density 1: moments are about its own centre of mass.
 struct Solid {
@@ -174,8 +175,7 @@ Vec3 Tool::surface_point(double along, double angle) const
 }
 
 bool draw_tool(Random &random, const Options &options, ToolFamily family, const Placement &placement,
-               const std::array<Vec3, kBranches> &tip, const std::array<double, kBranches> &tip_radius, Tool &tool,
-               Pose &tool_in_palm)
+               const Pinch &pinch, Tool &tool, Pose &tool_in_palm)
 {
     tool = Tool();
     tool.family = family;
@@ -183,12 +183,12 @@ bool draw_tool(Random &random, const Options &options, ToolFamily family, const 
     tool.friction = random.uniform(options.friction_min, options.friction_max);
     const double clearance = kClearance.draw(random);
 
-    // the pinch axis runs from the thumb to the middle between the fingers
-    const Vec3 middle = 0.5 * (tip[0] + tip[1]), span = middle - tip[2];
-    const double gap = span.norm(), thumb = tip_radius[2] + clearance, finger = tip_radius[0] + clearance;
-    if (span.y() < 0)
-        return false; // the fingers have passed the thumb
-    const Vec3 y = span / gap, x = (Vec3::UnitX() - y.x() * y).normalized();
+    // the pinch axis runs from the middle of the second side (a thumb) to that of the first (fingers)
+    const Vec3 span = pinch.first - pinch.second;
+    const double gap = span.norm(), thumb = pinch.second_reach + clearance, finger = pinch.first_reach + clearance;
+    if (span.dot(pinch.forward) < 0)
+        return false; // the sides have passed each other
+    const Vec3 y = span / gap, x = (pinch.tool_axis - pinch.tool_axis.dot(y) * y).normalized();
     Mat3 R;
     R << x, y, x.cross(y);
 
@@ -215,7 +215,7 @@ bool draw_tool(Random &random, const Options &options, ToolFamily family, const 
         break;
     }
     case ToolFamily::ellipsoid: {
-        const double half_span = 0.5 * (tip[0] - tip[1]).norm(), half = kEllipsoidHalfLength.draw(random);
+        const double half_span = pinch.half_span, half = kEllipsoidHalfLength.draw(random);
         const double ratio = kEllipsoidWidthRatio.draw(random);
         thickness = ellipsoid_thickness(radius, half, ratio, gap, half_span, thumb, finger);
         if (thickness < 0 || half_span > kEllipsoidSpan * half)
@@ -233,7 +233,7 @@ bool draw_tool(Random &random, const Options &options, ToolFamily family, const 
     // turned about the grip's centre
     const Vec3 grip(tool.grip_x_m, 0, 0);
     tool_in_palm.R = R * turn;
-    tool_in_palm.p = tip[2] + (thumb + thickness) * y + R * (shift + grip) - tool_in_palm.R * grip;
+    tool_in_palm.p = pinch.second + (thumb + thickness) * y + R * (shift + grip) - tool_in_palm.R * grip;
     return true;
 }
 
@@ -243,7 +243,7 @@ void install_tool(mjModel &m, mjData &d, const Hand &hand, const Tool &tool)
         const Primitive &primitive = tool.geoms[static_cast<std::size_t>(k)];
         const int g = hand.tool_geoms[static_cast<std::size_t>(k)];
         m.geom_type[g] = primitive.type;
-        m.geom_conaffinity[g] = primitive.used;
+        m.geom_contype[g] = m.geom_conaffinity[g] = primitive.used ? kTouchesAll : 0;
         m.geom_sameframe[g] = 0;
         m.geom_rbound[g] = primitive.reach_m();
         m.geom_friction[3 * g] = tool.friction;

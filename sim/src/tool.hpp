@@ -43,11 +43,9 @@ struct Placement {
     Vec3 tilt;
 };
 
-// Draws the shape and puts it between the fingertips at `tip` (m, H) of radius `tip_radius`. Gives false where no tool
-// of this family fits.
+// Draws the shape and puts it between the fingertips. Gives false where no tool of this family fits.
 bool draw_tool(Random &random, const Options &options, ToolFamily family, const Placement &placement,
-               const std::array<Vec3, kBranches> &tip, const std::array<double, kBranches> &tip_radius, Tool &tool,
-               Pose &tool_in_palm);
+               const Pinch &pinch, Tool &tool, Pose &tool_in_palm);
 
 // Writes the tool into the model and recomputes what depends on it. `d` is scratch and is left reset.
 void install_tool(mjModel &m, mjData &d, const Hand &hand, const Tool &tool);

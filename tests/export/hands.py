@@ -12,7 +12,7 @@ from aminn_export.files.ranges import state_ranges
 from aminn_export.files.tables import HAND, STAGES, dims_of
 from aminn_export.samples.reference import Reference
 from aminn_hand.hand import Branch, ContactModel, Coordinate, Hand, Tendon
-from aminn_sim.hand_file import default_hand_file
+from aminn_sim.open_hand import default_hand_file
 from aminn_sim.understand import understand
 
 SHIPPED = default_hand_file().parent / "hands"

@@ -24,7 +24,7 @@ from aminn_export.samples.golden import single_thread_session
 from aminn_export.samples.vectors import read_vectors, write_vectors
 from aminn_sim import SimulationConfig, simulate
 from aminn_sim.card import data_card
-from aminn_sim.hand_file import default_hand_file, read_hand_file
+from aminn_sim.open_hand import default_hand_file, open_hand
 from aminn_sim.read import read_data
 
 
@@ -46,7 +46,7 @@ def test_paths_in_any_form(
         return form(tmp_path.joinpath(*parts))
 
     simulate(SimulationConfig(grasps=1, cases=1), at("sim"), progress=False, hand=form(default_hand_file()))
-    read_hand_file(form(default_hand_file()))
+    open_hand(form(default_hand_file()))
     read_data(at("sim"))
     data_card(at("sim"))
     data, checkpoint = load_dataset(form(data_dir)), load_checkpoint(form(checkpoint_dir))

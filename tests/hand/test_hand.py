@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +13,7 @@ from aminn_base.errors import AminnError
 from aminn_hand import Hand
 from aminn_sim import mjcf_tree
 from aminn_sim._core import Engine
-from aminn_sim.hand_file import default_hand_file
+from aminn_sim.open_hand import default_hand_file
 from aminn_sim.understand import Understood, understand
 
 MODELS = default_hand_file().parent
@@ -98,25 +97,19 @@ def test_numbers_that_no_hand_has_are_named(path: str, value: object, message: s
         Hand.from_dict(whole)
 
 
-def test_the_built_in_hand_is_read_as_the_simulator_reads_it(tmp_path: Path) -> None:
-    """Geometry, springs and tendons as in the manifest of a data set."""
-    from aminn_sim.hand_file import read_hand_file
-
-    hand, theirs = understand(MODELS / "hand.toml").hand, read_hand_file().simulator().hand()
-    assert list(hand.joints) == theirs["joints"] and [b.name for b in hand.branches] == theirs["branches"]
-    for b, branch in enumerate(hand.branches):
-        columns = [c for c, j in enumerate(theirs["branch_joints"][b]) if j >= 0]
-        stiffness = [theirs["joint_stiffness_Nm_rad"][b][c] for c in columns]
-        assert np.allclose([c.stiffness_Nm_rad for c in branch.coordinates], stiffness)
-        assert np.allclose([c.axis for c in branch.coordinates], [theirs["axis"][b][c] for c in columns])
-        assert np.allclose(branch.coordinates[-2].anchor_m, theirs["base_m"][b])
-        tendons = [t for t in theirs["tendons"] if t["branch"] == b]
-        assert np.allclose(
-            [t.arm_m for t in branch.tendons], [[t["moment_arm_m"][c] for c in columns] for t in tendons]
-        )
-        assert [t.stiffness_N_m for t in branch.tendons] == [t["stiffness_N_m"] for t in tendons]
-        assert [t.max_tension_N for t in branch.tendons] == [t["max_tension_N"] for t in tendons]
-        assert branch.gated_tendon == 0
+def test_the_built_in_hand() -> None:
+    """Numbers of the model, where they belong."""
+    hand = understand(MODELS / "hand.toml").hand
+    assert [b.name for b in hand.branches] == ["finger1", "finger2", "thumb"] and hand.sides == ((0, 1), (2,))
+    assert [len(b.coordinates) for b in hand.branches] == [3, 3, 2]
+    finger, other, thumb = hand.branches
+    assert [c.stiffness_Nm_rad for c in finger.coordinates] == [4.2, 0.4, 0.2]
+    assert [c.stiffness_Nm_rad for c in thumb.coordinates] == [0.8, 0.4]
+    assert [t.arm_m for t in thumb.tendons] == [(0.010, 0.0), (0.010, 0.007)]
+    assert [t.stiffness_N_m for t in finger.tendons] == [20000] * 2 and thumb.tendons[0].max_tension_N == 500
+    assert {b.tip_radius_m for b in hand.branches} == {0.010} and {b.eps_m for b in hand.branches} == {1e-5}
+    assert finger.gated_tendon == other.gated_tendon == thumb.gated_tendon == 0
+    assert hand.mirror is not None and hand.mirror.branches == (1, 0, 2) and hand.mirror.normal == (1.0, 0.0, 0.0)
 
 
 def test_head_and_cholesky_factor_have_one_order() -> None:

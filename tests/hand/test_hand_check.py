@@ -15,7 +15,7 @@ from aminn_base.errors import AminnError
 from aminn_hand import Hand
 from aminn_sim.acceptance import accept
 from aminn_sim.hand_check import FORMULA_LIMIT, PRELOADED_LIMIT, Check, check
-from aminn_sim.hand_file import default_hand_file
+from aminn_sim.open_hand import default_hand_file
 from aminn_sim.understand import Understood, understand
 
 REFUSED = {
@@ -209,7 +209,6 @@ def test_command_prints_draws_and_reports(tmp_path: Path) -> None:
         "3 branches of 3 + 3 + 2 joints, 6 tendons",
         "finger1_roll",
         "servo 4",
-        "not moving: base_x",
         "accepted",
     ):
         assert words in result.output, result.output

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
-from aminn_sim.hand_file import default_hand_file
+from aminn_sim.open_hand import default_hand_file
 
 MODEL = "three_finger_hand.xml"
 SHEET = 'name = "variant"\nmodel = "hand.xml"\n[closing]\nopen = {OPEN}\nclosed = {CLOSED}\n'

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from aminn_export.files import layout
 from aminn_hand.hand import N_CONTACT_FEATURE, N_WRENCH
-from aminn_sim.hand_file import default_hand_file
+from aminn_sim.open_hand import default_hand_file
 from aminn_sim.understand import understand
 
 INCLUDE = Path(__file__).resolve().parents[2] / "runtime" / "include"

@@ -8,12 +8,12 @@ import pytest
 from small_data import SMALL
 
 from aminn_sim import SimulationConfig, _core, simulate
-from aminn_sim.hand_file import read_hand_file
+from aminn_sim.open_hand import open_hand
 
 
 @pytest.fixture(scope="session")
 def simulator() -> _core.Simulator:
-    return read_hand_file().simulator()
+    return open_hand().simulator()
 
 
 @pytest.fixture(scope="session")

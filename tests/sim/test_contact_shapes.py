@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from aminn_sim import SimulationConfig, _core
-from aminn_sim.hand_file import read_hand_file
+from aminn_sim.open_hand import open_hand
 
 # Numbers of MuJoCo's mjtGeom.
 SPHERE, CAPSULE, ELLIPSOID, CYLINDER = 2, 3, 4, 5
@@ -15,7 +15,7 @@ SPHERE, CAPSULE, ELLIPSOID, CYLINDER = 2, 3, 4, 5
 def test_no_tool_has_a_box() -> None:
     """Two boxes have half of their overlap in MuJoCo 2.2, and no closed form here stands in for that."""
     config = SimulationConfig()
-    simulator, options = read_hand_file(None).simulator(), config.options()
+    simulator, options = open_hand(None).simulator(), config.options()
     for family in config.family_indices():
         geoms = _core.Session(simulator, options, 3, 0, family, family, [family]).scene()["tool_geoms"]
         assert {int(geom["type"]) for geom in geoms} <= {SPHERE, CAPSULE, ELLIPSOID, CYLINDER}

@@ -18,10 +18,10 @@ from small_data import SMALL, begin, command_line
 from aminn_app.cli import simulate as command
 from aminn_sim import SimulationConfig, SimulationError, _core, engines, simulate
 from aminn_sim.engines import ENGINES, ShardTask
-from aminn_sim.hand_file import read_hand_file
+from aminn_sim.open_hand import open_hand
 from aminn_sim.simulate import UNFINISHED, shard_name
 
-open_simulator = read_hand_file().simulator
+open_simulator = open_hand().simulator
 ray = pytest.importorskip("ray", reason="the extra ray is not installed")
 
 

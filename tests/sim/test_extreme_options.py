@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from aminn_sim import SimulationConfig, SimulationError, _core, simulate
 from aminn_sim.config import RANGES
-from aminn_sim.hand_file import default_hand_file
+from aminn_sim.open_hand import default_hand_file
 
 EXAMPLES = 30
 PATIENCE_S = 0.4  # after so long an example is stopped: that it can be is what is shown

@@ -11,12 +11,12 @@ import pytest
 from aminn_sim import SimulationConfig, _core, simulate
 from aminn_sim.errors import SimulationError
 from aminn_sim.figures import speed_figures, synergy_figures
-from aminn_sim.hand_file import read_hand_file
+from aminn_sim.open_hand import open_hand
 from aminn_sim.read import MANIFEST_KEYS, read_data
 
 
 def test_synergy_round_trip(simulator: _core.Simulator, dataset_dir: Path) -> None:
-    figures = synergy_figures(read_hand_file(), simulator, read_data(dataset_dir))
+    figures = synergy_figures(simulator, read_data(dataset_dir))
     assert figures["synergy_round_trip_psi_max"] < 1e-12 and figures["synergy_round_trip_q_rad_max"] < 1e-12
     assert 0 < figures["synergy_cells_filled_share"] < 0.1
 
@@ -28,7 +28,7 @@ def test_placements_fill_the_range_more_evenly_than_chance(simulator: _core.Simu
 
 
 def test_speed_counts_the_same_steps_for_both(simulator: _core.Simulator) -> None:
-    figures = speed_figures(simulator, SimulationConfig(), grasps=1, cases=2, rounds=1)
+    figures = speed_figures(open_hand(), simulator, SimulationConfig(), grasps=1, cases=2, rounds=1)
     assert figures["speed_steps"] > 2 * 350 and figures["speed_of_bare_engine_share"] > 0
 
 

@@ -6,9 +6,12 @@ import numpy as np
 import pytest
 
 from aminn_sim import SimulationConfig, _core
-from aminn_sim.theory import BRANCH_JOINTS, branch_turns
+from aminn_sim.open_hand import open_hand
+from aminn_sim.theory import branch_turns
 
 FAMILIES = _core.TOOL_FAMILIES
+HAND = open_hand().hand
+BRANCH_JOINTS = HAND.coordinate_joints
 
 
 def state(session: _core.Session) -> dict[str, np.ndarray]:
@@ -71,18 +74,12 @@ def rotation(axis: np.ndarray, angle: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_geometry_of_the_manifest_gives_the_closure(
-    simulator: _core.Simulator, sessions: dict[str, _core.Session], family: str
-) -> None:
+def test_geometry_of_the_manifest_gives_the_closure(sessions: dict[str, _core.Session], family: str) -> None:
     """Who has q, the contacts and `hand` alone (the runtime) finds the same j_q."""
-    hand, grasp = {k: np.array(v) for k, v in simulator.hand().items() if k != "tendons"}, state(sessions[family])
-    for b, joints in enumerate(BRANCH_JOINTS):
-        axes, (roll, proximal, _) = hand["axis"][b], (grasp["q"][j] if j >= 0 else 0.0 for j in joints)
-        r1, r2 = rotation(axes[0], roll), rotation(axes[1], proximal)
-        s = grasp["contacts"][b, 1:4] - hand["base_m"][b]
-        a = r1 @ r2 @ hand["link_a_m"][b]
-        columns = [np.cross(axes[0], s), np.cross(r1 @ axes[1], s), np.cross(r1 @ r2 @ axes[2], s - a)]
-        np.testing.assert_allclose(-np.stack(columns, 1), grasp["j_q"][b], atol=1e-12)
+    grasp = state(sessions[family])
+    for b, (branch, at) in enumerate(zip(HAND.branches, HAND.branch_joints, strict=True)):
+        columns = branch.jacobian(grasp["q"][at], grasp["contacts"][b, 1:4])
+        np.testing.assert_allclose(-columns, grasp["j_q"][b][:, -len(branch.coordinates) :], atol=1e-12)
 
 
 @pytest.mark.parametrize("family", FAMILIES)
@@ -110,7 +107,7 @@ def test_closure_holds_for_small_simulated_motions(sessions: dict[str, _core.Ses
         result = load(session, w)
         assert result["stable"]
         tool = np.einsum("bij,j->bi", grasp["j_x"], result["dx_ht"])
-        turns = branch_turns(result["q_after"] - grasp["q"])
+        turns = branch_turns(HAND, result["q_after"] - grasp["q"])
         residuals.append(np.linalg.norm(tool + np.einsum("bij,bj->bi", grasp["j_q"], turns)) / np.linalg.norm(tool))
     assert np.median(residuals) < 0.05, residuals
 
@@ -175,30 +172,18 @@ def test_a_session_repeats_the_data_set(simulator: _core.Simulator) -> None:
             np.testing.assert_array_equal(case[name][0], shard["samples"][name][2 + k])
 
 
-def test_tendons_only_pull(sessions: dict[str, _core.Session], simulator: _core.Simulator) -> None:
+def test_tendons_only_pull(sessions: dict[str, _core.Session]) -> None:
     session, grasp = sessions["capsule"], state(sessions["capsule"])
-    tendons = simulator.hand()["tendons"]
-    stiffness = np.array([t["stiffness_N_m"] for t in tendons])
+    tendons = [t for branch in HAND.branches for t in branch.tendons]
+    stiffness = np.array([t.stiffness_N_m for t in tendons])
     tension = grasp["tendon_tension_N"]
     np.testing.assert_allclose(session.tendon_forces(0.0), -tension, atol=1e-9)
     taut = tension > 0
     pulled = -session.tendon_forces(-1e-3)  # a shorter command pulls
     np.testing.assert_allclose((pulled - tension)[taut], (stiffness * 1e-3)[taut], rtol=1e-9)
     assert (session.tendon_forces(0.1) == 0).all()  # a far longer one is slack, never pushes
-    limit = [t["max_tension_N"] for t in tendons]
+    limit = [t.max_tension_N for t in tendons]
     np.testing.assert_allclose(-session.tendon_forces(-1.0), limit)
-
-
-def test_hand_is_read_from_the_model(simulator: _core.Simulator) -> None:
-    hand = simulator.hand()
-    for b in range(3):
-        arms = np.array([t["moment_arm_m"] for t in hand["tendons"] if t["branch"] == b])
-        assert arms.shape == (2, 3)
-        assert (arms[:, 1] > 0).all() and arms[0, 2] == 0 and arms[1, 2] > 0 and (arms[:, 0] == 0).all()
-    axes = np.array(hand["axis"])
-    np.testing.assert_allclose(np.linalg.norm(axes, axis=2), [[1, 1, 1], [1, 1, 1], [0, 1, 1]], atol=1e-12)
-    assert hand["joint_stiffness_Nm_rad"][2][0] == 0
-    np.testing.assert_allclose(np.array(hand["base_m"])[0] * [-1, 1, 1], hand["base_m"][1])  # mirrored fingers
 
 
 def test_engine_errors_are_exceptions(simulator: _core.Simulator) -> None:

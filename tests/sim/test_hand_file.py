@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import io
+import os
+import re
 import shutil
 import struct
 from pathlib import Path
@@ -12,8 +14,10 @@ import matplotlib.image
 import numpy as np
 import pytest
 
+from aminn_base.errors import AminnError
 from aminn_sim import SimulationConfig, SimulationError, _core, simulate
-from aminn_sim.hand_file import default_hand_file, read_hand_file
+from aminn_sim.open_hand import default_hand_file, open_hand
+from aminn_sim.read import read_data
 
 
 @pytest.fixture
@@ -33,50 +37,60 @@ def change(path: Path, old: str, new: str) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('name = "three_finger_hand"', "", "name is missing; expected a text"),
-        ('name = "three_finger_hand"', "name = 3", "name is 3, expected a text"),
+        ('name = "three_finger_hand"', "", "name: field required"),
+        ('name = "three_finger_hand"', "name = 3", "name: expected a text"),
         ('name = "three_finger_hand"', 'name = "a"\ncolour = 1', "colour is not a field of a hand file"),
-        ('name = "three_finger_hand"', "name = ", "not valid TOML"),
-        ('scene = "scene.xml"', 'scene = "nothing.xml"', "nothing.xml, which is not there"),
-        ('model = "point"', 'model = "rubber"', "contact.model is 'rubber', expected one of point, soft_finger"),
-        ("torsional_friction_m = 0.003", "torsional_friction_m = -1", "contact.torsional_friction_m is -1"),
-        ("neutral_rad = [0.0, ", "neutral_rad = [", "synergy.neutral_rad is"),
-        ("neutral_rad = [0.0, ", "neutral_rad = [nan, ", "expected 8 finite numbers"),
-        ('name = "spread"', 'name = "sprout"', "synergy.axes[spread].name is 'sprout'"),
-        ("delta = 2.0", "delta = 0", "synergy.axes[spread].delta is 0, expected more than 0"),
+        ('name = "three_finger_hand"', "name = ", "not TOML"),
+        ('model = "three_finger_hand.xml"', 'model = "nothing.xml"', "nothing.xml, which is no file"),
+        ('model = "point"', 'model = "rubber"', "contact.model: input should be 'point' or 'soft_finger'"),
+        ("torsional_friction_m = 0.003", "torsional_friction_m = -1", "contact.torsional_friction_m: input"),
+        ("compliance_m_N = 1e-5", "compliance_m_N = { toe = 1e-5 }", "names the branch 'toe'; there are finger1, fing"),
+        ("tool_axis = [1, 0, 0]", "tool_axis = [0, 0, 0]", "tool_axis has no length"),
+        ('geoms = ["finger1_tip"]', 'geoms = ["finger2_tip"]', "geoms names 'finger2_tip', which is no colliding"),
+        ("neutral_rad = [0.0, ", "neutral_rad = [", "synergy.neutral_rad has 7 numbers, the hand has 8 joints"),
+        ("neutral_rad = [0.0, ", "neutral_rad = [nan, ", "synergy.neutral_rad.0: input should be a finite number"),
+        ("delta = 2.0", "delta = 0", "synergy.axes.1.delta: input should be greater than 0"),
         ("delta = 2.0\nrange = [-1.0, 1.0]", "delta = 2.0\nrange = [1.0, -1.0]", "the lower end first"),
         ("column = [1.0, 0.0", "column = [1.0, 0.5", "not orthogonal"),
+        ("column = [1.0, 0.0, ", "column = [1.0, ", "synergy.axes[spread].column has 7 numbers, the hand has 8"),
+        ("[contact]", "[mirror]\nnormal = [0, 1, 0]\n\n[contact]", "mirror.normal: the hand is not its own image"),
     ],
 )
 def test_malformed_hand_file(hand: Path, old: str, new: str, message: str) -> None:
     change(hand, old, new)
-    with pytest.raises(SimulationError) as caught:
-        read_hand_file(hand)
-    assert str(hand) in str(caught.value) and message in str(caught.value)
+    with pytest.raises(AminnError) as caught:
+        open_hand(hand)
+    assert str(hand) in str(caught.value) and message in str(caught.value), caught.value
 
 
 def test_missing_hand_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(SimulationError, match=r"none\.toml: cannot be read"):
-        read_hand_file(tmp_path / "none.toml")
+    with pytest.raises(AminnError, match=r"none\.toml: the hand file cannot be read"):
+        open_hand(tmp_path / "none.toml")
 
 
-def test_joint_that_the_model_lacks(hand: Path, tmp_path: Path) -> None:
-    change(hand.parent / "three_finger_hand.xml", '"finger1_distal"', '"finger1_last"')
-    with pytest.raises(SimulationError, match="no joint named finger1_distal"):
-        simulate(SimulationConfig(grasps=1), tmp_path / "data", hand=hand, progress=False)
-    assert not (tmp_path / "data").exists()
+def test_renamed_parts_make_no_difference(hand: Path, tmp_path: Path) -> None:
+    """Names are the user's: another joint's name leaves the data as they were."""
+    small = SimulationConfig(grasps=1, cases=2)
+    before = simulate(small, tmp_path / "before", hand=hand, progress=False)
+    change(hand.parent / "three_finger_hand.xml", '"finger1_distal"', '"aminn_last"')
+    change(hand, '"finger1_distal"', '"aminn_last"')
+    after = simulate(small, tmp_path / "after", hand=hand, progress=False)
+    assert after["hand"]["branches"][0]["coordinates"][2]["joint"] == "aminn_last" != before["hand"]["branches"][0]
+    one, other = (read_data(tmp_path / name) for name in ("before", "after"))
+    for name, values in one.samples.items():
+        np.testing.assert_array_equal(values, other.samples[name], err_msg=name)
 
 
 def test_damaged_model_names_the_file(hand: Path) -> None:
     (hand.parent / "three_finger_hand.xml").write_text("<mujoco><worldbody><body></worldbody></mujoco>")
-    with pytest.raises(SimulationError, match=r"hand\.toml: the model that `scene` names cannot be used"):
-        read_hand_file(hand).simulator()
+    with pytest.raises(AminnError, match=r"three_finger_hand\.xml: not XML"):
+        open_hand(hand)
 
 
 def test_unreachable_synergy_range(hand: Path) -> None:
     change(hand, "delta = 1.0458\nrange = [-1.0, 1.0]", "delta = 1.0458\nrange = [-1.0, 6.0]")
-    with pytest.raises(SimulationError, match=r"cannot be reached: at size -1, spread -1, curl 6 joint finger1_distal"):
-        read_hand_file(hand).simulator()
+    with pytest.raises(AminnError, match=r"cannot be reached: at size -1, spread -1, curl 6 joint finger1_distal"):
+        open_hand(hand)
 
 
 def test_tool_larger_than_the_span(tmp_path: Path) -> None:
@@ -87,10 +101,10 @@ def test_tool_larger_than_the_span(tmp_path: Path) -> None:
 
 def test_soft_fingers_resist_a_twist(hand: Path) -> None:
     """About the pinch axis point contacts give way sooner than soft fingers do."""
-    point = read_hand_file(hand).simulator()
+    point = open_hand(hand).simulator()
     change(hand, 'model = "point"', 'model = "soft_finger"')
     change(hand, "torsional_friction_m = 0.003", "torsional_friction_m = 0.010")
-    soft = read_hand_file(hand).simulator()
+    soft = open_hand(hand).simulator()
     turned = []
     for simulator in (point, soft):
         session = _core.Session(simulator, SimulationConfig().options(), 1, 0, 0, 0, [0])
@@ -187,7 +201,7 @@ def versions(name: str) -> tuple[bytes, bytes]:
         return HEIGHT, HEIGHT[:-4] + struct.pack("<f", 1)
     if name.endswith("png"):
         return png(10), png(200)
-    return b"<mujoco><option timestep='0.0005'/></mujoco>", b"<mujoco><option timestep='0.0004'/></mujoco>"
+    return b"<mujoco><custom><numeric name='a' data='1'/></custom></mujoco>", b"<mujoco/>"
 
 
 @pytest.mark.parametrize("how", REFERENCES)
@@ -196,51 +210,55 @@ def test_every_file_that_the_engine_reads_is_hashed(hand: Path, how: str, trust:
     text = text.replace("{folder}", str(hand.parent))
     file = hand.parent / place
     file.parent.mkdir(parents=True, exist_ok=True)
-    change(hand.parent / "scene.xml", "</mujoco>", text + "</mujoco>")
+    change(hand.parent / "three_finger_hand.xml", "</mujoco>", text + "</mujoco>")
     hashes = []
     contents = versions(place)
     if "within" in how:
         contents = (b"<mujoco><site name='a'/></mujoco>", b"<mujoco><site name='b'/></mujoco>")
     for content in contents:
         file.write_bytes(content)
-        found = read_hand_file(hand)
+        found = open_hand(hand)
         found.simulator()
         hashes.append(found.model_hashes())
-    assert hashes[0][file.name] != hashes[1][file.name] and len(hashes[0]) == 4
+    name = os.path.relpath(file, hand.parent)
+    assert hashes[0][name] != hashes[1][name] and len(hashes[0]) == 3
     file.unlink()
-    with pytest.raises(SimulationError, match=r"hand\.toml: the model that `scene` names cannot be used"):
-        read_hand_file(hand).simulator()
+    with pytest.raises(AminnError, match=re.escape(file.name)):
+        open_hand(hand)
     trust["files_references_to_model_files"] = int(trust.get("files_references_to_model_files", 0)) + 1
 
 
 def test_what_was_read_is_what_is_simulated(hand: Path) -> None:
     """A file that changes after the hand file was read changes neither the hash nor the model."""
-    found, radius = read_hand_file(hand), read_hand_file(hand).simulator().hand()["tip_radius_m"]
+    found, gap = open_hand(hand), open_hand(hand).simulator().gap(np.zeros(3))
     before = found.model_hashes()
     (hand.parent / "three_finger_hand.xml").write_text("<mujoco/>")
-    assert found.model_hashes() == before and found.simulator().hand()["tip_radius_m"] == radius
+    assert found.model_hashes() == before and found.simulator().gap(np.zeros(3)) == gap
 
 
 def test_the_default_hand_is_what_it_was() -> None:
     folder = default_hand_file().parent
-    names = ("hand.toml", "scene.xml", "three_finger_hand.xml")
+    names = ("hand.toml", "three_finger_hand.xml")
     expected = {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in names}
-    assert read_hand_file().model_hashes() == expected
+    assert open_hand().model_hashes() == expected
 
 
-def test_two_files_of_one_name_are_refused(hand: Path) -> None:
-    """The engine would take one for the other."""
-    for folder in ("a", "b"):
+def test_files_of_one_name_are_told_apart(hand: Path) -> None:
+    """The engine knows files by their names alone, without folders."""
+    for folder, size in (("a", 0.01), ("b", 0.02)):
         (hand.parent / folder).mkdir()
-        (hand.parent / folder / "more.xml").write_text("<mujoco/>")
-    change(hand.parent / "scene.xml", "</mujoco>", '<include file="a/more.xml"/><include file="b/more.xml"/></mujoco>')
-    with pytest.raises(SimulationError, match=r"a/more\.xml and .*b/more\.xml|b/more\.xml and .*a/more\.xml"):
-        read_hand_file(hand)
+        (hand.parent / folder / "part.stl").write_bytes(CUBE.replace(struct.pack("<f", 0.01), struct.pack("<f", size)))
+    assets = '<asset><mesh name="one" file="a/part.stl"/><mesh name="other" file="b/part.stl"/></asset>'
+    change(hand.parent / "three_finger_hand.xml", "</mujoco>", assets + "</mujoco>")
+    found = open_hand(hand)
+    assert {"a/part.stl", "b/part.stl"} <= set(found.model_hashes()) and len(set(found.understood.assets.values())) == 2
+    found.simulator()
 
 
-def test_a_scene_that_cannot_be_followed_is_refused(hand: Path) -> None:
-    """A document type may rename files; what the engine makes of one need not be what is hashed."""
-    scene = hand.parent / "scene.xml"
-    scene.write_text('<!DOCTYPE mujoco [<!ENTITY other "more">]>\n' + scene.read_text())
-    with pytest.raises(SimulationError, match=r"cannot be (followed|used)"):
-        read_hand_file(hand).simulator()
+def test_entities_are_read_as_xml_has_them(hand: Path) -> None:
+    """What a document type renames is followed, so what the engine gets is what is hashed."""
+    model = hand.parent / "three_finger_hand.xml"
+    (hand.parent / "more.xml").write_text("<mujoco/>")
+    text = model.read_text().replace("</mujoco>", '<include file="&other;.xml"/></mujoco>')
+    model.write_text('<!DOCTYPE mujoco [<!ENTITY other "more">]>\n' + text)
+    assert "more.xml" in open_hand(hand).model_hashes()

@@ -18,7 +18,7 @@ from aminn_sim import SimulationConfig, SimulationError, simulate
 from aminn_sim.card import data_card
 from aminn_sim.gallery import CONTACT_RGBA, LOAD_RGBA, PIXELS, choose, gallery, offscreen
 from aminn_sim.read import read_data
-from aminn_sim.schema import GROUPS
+from aminn_sim.schema import groups_of
 
 pytest.importorskip("mujoco", reason="the extra mujoco is not installed")
 
@@ -135,7 +135,7 @@ def test_card_draws_every_field(data_folder: Path) -> None:
     from aminn_sim.card import _parts
 
     data = read_data(data_folder)
-    for group, fields in GROUPS.items():
+    for group, fields in groups_of(data.hand).items():
         for name, field in fields.items():
             values = getattr(data, group)[name]
             parts = _parts(name, field, values)

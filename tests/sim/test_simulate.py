@@ -21,9 +21,9 @@ from aminn_base.errors import AminnError, InUseError
 from aminn_base.lock import NAME as LOCK
 from aminn_hand import Hand
 from aminn_sim import SimulationConfig, SimulationError, _core, simulate
-from aminn_sim.hand_file import default_hand_file
+from aminn_sim.open_hand import default_hand_file, open_hand
 from aminn_sim.read import read_data
-from aminn_sim.schema import GROUPS, SAMPLE_FIELDS
+from aminn_sim.schema import groups_of
 from aminn_sim.simulate import UNFINISHED, shard_name
 from aminn_sim.understand import understand
 
@@ -50,7 +50,7 @@ def test_a_shard_does_not_depend_on_the_others(dataset_dir: Path, tmp_path: Path
     with h5py.File(dataset_dir / shard_name(1)) as short, h5py.File(tmp_path / "data" / shard_name(1)) as full:
         n = len(short["samples/w_e"])
         assert n == 2 * SMALL["cases"] and len(full["samples/w_e"]) == 4 * SMALL["cases"]
-        for name in SAMPLE_FIELDS:
+        for name in groups_of(open_hand().hand)["samples"]:
             np.testing.assert_array_equal(full["samples"][name][:n], short["samples"][name])
 
 
@@ -71,14 +71,16 @@ def test_manifest_describes_the_shards(dataset_dir: Path) -> None:
         assert hashlib.sha256((dataset_dir / shard["file"]).read_bytes()).hexdigest() == shard["sha256"]
     text = (dataset_dir / "manifest.json").read_text()
     assert text == json.dumps(json.loads(text), sort_keys=True, indent=1) + "\n"
-    assert set(manifest["fields"]) == set(SAMPLE_FIELDS) | {f"{g}/{n}" for g in ("grasps", "noise") for n in GROUPS[g]}
+    groups = groups_of(data.hand)
+    others = {f"{g}/{n}" for g in ("grasps", "noise") for n in groups[g]}
+    assert set(manifest["fields"]) == set(groups["samples"]) | others
     assert Hand.from_dict(manifest["hand"]) == understand(default_hand_file()).hand
 
 
 def test_samples_are_finite_and_consistent(dataset_dir: Path) -> None:
     data = read_data(dataset_dir)
     manifest, samples, grasps = data.manifest, data.samples, data.grasps
-    for name, field in SAMPLE_FIELDS.items():
+    for name, field in groups_of(data.hand)["samples"].items():
         assert samples[name].shape[1:] == field.shape and np.isfinite(samples[name]).all(), name
     assert (samples["stable"] == (samples["reason"] == 0)).all()
     stable = samples["stable"] == 1

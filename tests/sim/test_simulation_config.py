@@ -7,10 +7,7 @@ import math
 
 import pytest
 
-from aminn_hand.hand import N_CONTACT_FEATURE, N_WRENCH
 from aminn_sim import SimulationConfig, SimulationError, _core, simulate
-from aminn_sim.hand_file import default_hand_file
-from aminn_sim.understand import understand
 
 
 def test_defaults_are_those_of_the_compiled_part() -> None:
@@ -25,12 +22,6 @@ def test_options_carry_every_value() -> None:
     changed |= {"force_max_N": 5.0, "grasp_attempts": 17, "rotation_max_rad": 0.2}
     options = SimulationConfig(**changed).options()
     assert {n: getattr(options, n) for n in _core.OPTION_RANGES} == changed
-
-
-def test_dimensions_are_those_of_the_built_in_hand() -> None:
-    dims = understand(default_hand_file()).hand.dims
-    expected = (dims.branches, dims.coordinates, dims.joints, N_CONTACT_FEATURE, N_WRENCH)
-    assert expected == _core.DIMENSIONS
 
 
 @pytest.mark.parametrize(

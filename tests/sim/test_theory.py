@@ -7,16 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aminn_hand.flat import flat
 from aminn_sim import SimulationConfig, SimulationError, _core
+from aminn_sim.open_hand import open_hand
 from aminn_sim.quality import dataset_figures, waiting_figures
 from aminn_sim.read import read_data
 from aminn_sim.theory import TrueMechanics, compliance, dataset_errors, over_grasps, predict, relative_error, slack_jump
 
+HAND = open_hand().hand
+
 
 def test_small_motions_follow_the_formula(simulator: _core.Simulator) -> None:
     """A wrong sign gives a relative error of 2, a wrong frame or a lost tendon more than 0.5; measured: 0.07."""
-    results = over_grasps(simulator, SimulationConfig(seed=2), 16, 2, compliance)
+    results = over_grasps(HAND, simulator, SimulationConfig(seed=2), 16, 2, compliance)
     errors, sticking = np.concatenate([r.errors for r in results]), np.concatenate([r.sticking for r in results])
     print(f"relative error median {np.median(errors[sticking]):.3f}, p90 {np.percentile(errors[sticking], 90):.3f}")
     assert sticking.mean() > 0.8
@@ -27,7 +29,7 @@ def test_small_motions_follow_the_formula(simulator: _core.Simulator) -> None:
 
 def test_small_motions_follow_the_statics_with_preload(simulator: _core.Simulator) -> None:
     """With the contact forces it closes to 1 %: geometry, springs, tendons, signs and frames are all as believed."""
-    results = over_grasps(simulator, SimulationConfig(seed=3), 16, 2, compliance)
+    results = over_grasps(HAND, simulator, SimulationConfig(seed=3), 16, 2, compliance)
     errors, sticking = (
         np.concatenate([r.preload_errors for r in results]),
         np.concatenate([r.sticking for r in results]),
@@ -37,7 +39,7 @@ def test_small_motions_follow_the_statics_with_preload(simulator: _core.Simulato
 
 
 def test_compliance_jumps_where_a_tendon_goes_slack(simulator: _core.Simulator) -> None:
-    jumps = [j for j in over_grasps(simulator, SimulationConfig(seed=1), 12, 2, slack_jump) if j is not None]
+    jumps = [j for j in over_grasps(HAND, simulator, SimulationConfig(seed=1), 12, 2, slack_jump) if j is not None]
     assert len(jumps) >= 2
     assert np.median([j.slack_m_N / j.taut_m_N for j in jumps]) > 1.1
     assert all(j.formula_ratio > 1 for j in jumps)
@@ -45,18 +47,10 @@ def test_compliance_jumps_where_a_tendon_goes_slack(simulator: _core.Simulator) 
 
 def test_a_lost_tendon_would_show() -> None:
     """The bound above has teeth: without the tendons the formula is far off."""
-    hand = {
-        "joint_stiffness_Nm_rad": [[4.0, 0.4, 0.2]] * 2 + [[0.0, 0.8, 0.4]],
-        "tendons": [
-            {"branch": b, "moment_arm_m": arm, "stiffness_N_m": 2e4}
-            for b in range(3)
-            for arm in ([0, 0.01, 0], [0, 0.01, 0.007])
-        ],
-    }
     rng = np.random.default_rng(0)
     j_x = rng.normal(size=(3, 3, 6)) * [1, 1, 1, 0.02, 0.02, 0.02]
     j_q = rng.normal(size=(3, 3, 3)) * 0.05
-    mechanics, contact, w = TrueMechanics.from_hand(hand), np.ones(3), np.array([0.01, 0, 0, 0, 0, 0])
+    mechanics, contact, w = TrueMechanics.of(HAND), np.ones(3), np.array([0.01, 0, 0, 0, 0, 0])
     taut, _ = predict(mechanics, j_x, j_q, contact, np.full(6, 10.0), w)
     slack, _ = predict(mechanics, j_x, j_q, contact, np.zeros(6), w)
     assert relative_error(slack, taut) > 0.2
@@ -65,7 +59,7 @@ def test_a_lost_tendon_would_show() -> None:
 
 def test_formula_on_the_data_set(dataset_dir: Path) -> None:
     data = read_data(dataset_dir)
-    figures = dataset_errors(flat(data.hand), data.samples, data.grasps)
+    figures = dataset_errors(data.hand, data.samples, data.grasps)
     assert figures["theory_all_loads_relative_error_median"] < 0.35
     assert all(np.isfinite(v) for v in figures.values())
 

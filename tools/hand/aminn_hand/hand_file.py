@@ -150,19 +150,17 @@ def _message(error: ValidationError) -> str:
     return f"{where}: expected {kind}" if kind else f"{where}: {first['msg'][0].lower()}{first['msg'][1:]}"
 
 
-def read_hand_file(path: Path | str) -> HandFile:
-    """Read and check a hand file. Raises AminnError with file and field."""
+def read_hand_file(path: Path | str, content: bytes | None = None) -> HandFile:
+    """Read and check a hand file, or what its `content` was. Raises AminnError with file and field."""
     path = Path(path)
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        table = tomllib.loads((path.read_bytes() if content is None else content).decode("utf-8-sig"))
     except OSError as error:
         raise AminnError(f"{path}: the hand file cannot be read ({error.strerror})") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise AminnError(f"{path}: not TOML ({error})") from error
-    if "scene" in content and "model" not in content:  # the built-in hand's file names its scene
-        content["model"] = content.pop("scene")
     try:
-        return HandFile.model_validate(content)
+        return HandFile.model_validate(table)
     except ValidationError as error:
         raise AminnError(f"{path}: {_message(error)}") from error
 
