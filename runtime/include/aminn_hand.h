@@ -16,12 +16,12 @@
 
 /* Names of the joints in the order of q, for aminn_field_name(). */
 #define AMINN_JOINT_NAMES(X) \
-    X("finger_1_roll")       \
-    X("finger_1_proximal")   \
-    X("finger_1_distal")     \
-    X("finger_2_roll")       \
-    X("finger_2_proximal")   \
-    X("finger_2_distal")     \
+    X("finger1_roll")        \
+    X("finger1_proximal")    \
+    X("finger1_distal")      \
+    X("finger2_roll")        \
+    X("finger2_proximal")    \
+    X("finger2_distal")      \
     X("thumb_proximal")      \
     X("thumb_distal")
 

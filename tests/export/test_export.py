@@ -25,7 +25,7 @@ from aminn_export.files.tables import dims_of
 from aminn_export.judge.weights import float16_model
 from aminn_export.samples.vectors import read_vectors
 
-FILES = {"aminn.onnx", "aminn_debug.onnx", "left.c", "left.h", "left.bin", "golden.bin"}
+FILES = {"aminn_hand.h", "aminn.onnx", "aminn_debug.onnx", "left.c", "left.h", "left.bin", "golden.bin"}
 
 
 def _names(folder: Path) -> set[str]:
@@ -88,6 +88,7 @@ def test_other_files_in_the_folder_stay(checkpoint_dir: Path, tmp_path: Path) ->
         "notes.txt",
         "aminn.onnx",
         "aminn_debug.onnx",
+        "aminn_hand.h",
         "aminn_model.c",
         "aminn_model.h",
         "aminn_model.bin",
@@ -118,12 +119,10 @@ def test_other_prefixes_are_free() -> None:
 def test_no_name_of_the_runtime_is_free_or_made() -> None:
     """Every name in the public headers, whatever its case: as a prefix, and as what a prefix makes."""
     runtime = Path(__file__).resolve().parents[2] / "runtime" / "include"
-    text = "".join((runtime / name).read_text() for name in ("aminn_rt.h", "aminn_rt.hpp"))
+    text = "".join((runtime / name).read_text() for name in ("aminn_hand.h", "aminn_rt.h", "aminn_rt.hpp"))
     names = set(re.findall(r"\b(?i:aminn)\w*", text)) - {"aminn_model", "aminn_model_"}  # these are of the example
-    hand = dims_of(random_model(0).tensors)
-    fields = {f"{owner}_{field}" if owner else field for owner, field, _ in tensor_order(hand, 1, 1, 1)} | {
-        "known_answer"
-    }
+    order = tensor_order(dims_of(random_model(0).tensors), 1, 1, 1)
+    fields = {f"{owner}_{field}" if owner else field for owner, field, _ in order} | {"known_answer"}
     assert len(names) > 60
     for name in sorted(names):
         made = [name[: -len(field) - 1] for field in fields if name.lower().endswith(f"_{field}")]

@@ -20,7 +20,8 @@ from aminn_base.errors import AminnError
 from aminn_export import _runtime
 from aminn_export.export import export
 from aminn_export.files.bin_model import bin_model_bytes, read_bin_model
-from aminn_export.files.known_answer import REFERENCE_GRASP, answered, runtime
+from aminn_export.files.compiled import runtime
+from aminn_export.files.known_answer import REFERENCE_GRASP, answered
 from aminn_export.files.ranges import STATE_FIELDS
 from aminn_export.samples.vectors import read_results, read_vectors
 

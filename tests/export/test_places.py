@@ -15,7 +15,7 @@ from aminn_app.cli import main
 from aminn_base.errors import AminnError, InUseError, WriteError
 from aminn_base.lock import locked_folder
 from aminn_export.export import export
-from aminn_export.replay.hand_header import build_name
+from aminn_export.files.hand_header import build_name
 from aminn_export.replay.runtime_place import find_runtime
 
 
@@ -130,6 +130,7 @@ HEADER = """/* a hand */
 #define AMINN_N_COORD 3
 #define AMINN_N_JOINT 8
 #define AMINN_N_GATED {gated}
+#define AMINN_N_TWIST 0
 """
 
 
@@ -142,9 +143,9 @@ def _header(folder: Path, name: str, branches: int, gated: int) -> Path:
 
 def test_a_runtime_for_another_hand_is_refused_by_name(installed: Path, tmp_path: Path) -> None:
     """What is installed cannot be built anew; the counts matter, not the name."""
-    same = _header(tmp_path / "same", "three_like", 3, 2)
+    same = _header(tmp_path / "same", "three_like", 3, 3)
     assert find_runtime(installed, same) == find_runtime(installed)
-    for name, branches, gated in (("four_like", 4, 3), ("no_cables", 3, 0)):
+    for name, branches, gated in (("four_like", 4, 3), ("no_cables", 3, 0), ("two_cables", 3, 2)):
         other = _header(tmp_path / name, name, branches, gated)
         with pytest.raises(AminnError, match=f"compiled for hand three_finger_hand, the model is of {name}"):
             find_runtime(installed, other)

@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 from aminn_export.files import layout
+from aminn_export.files.hand_header import hand_header
 from aminn_hand.hand import N_CONTACT_FEATURE, N_WRENCH
 from aminn_sim.open_hand import default_hand_file
 from aminn_sim.understand import understand
@@ -33,6 +34,13 @@ def test_dimensions() -> None:
     assert macro("AMINN_N_WRENCH") == N_WRENCH
     assert macro("AMINN_N_GATED") == DIMS.gates
     assert f'#define AMINN_HAND_NAME "{REFERENCE_HAND.name}"' in HAND
+
+
+def test_the_hand_is_as_the_exporter_writes_it() -> None:
+    def macros(text: str) -> list[str]:
+        return re.sub(r"/\*.*?\*/|\\\n", " ", text, flags=re.DOTALL).split()
+
+    assert macros(hand_header(REFERENCE_HAND.name, REFERENCE_HAND.dims, REFERENCE_HAND.joints)) == macros(HAND)
 
 
 def test_network_dimensions() -> None:

@@ -85,7 +85,7 @@ static void a_branch_out_of_contact_counts_by_its_flag_alone(void)
 static void fields_have_names_with_units(void)
 {
     int i, j;
-    TEST_ASSERT_EQUAL_STRING("q.finger_1_roll_rad", aminn_field_name(0));
+    TEST_ASSERT_EQUAL_STRING("q.finger1_roll_rad", aminn_field_name(0));
     TEST_ASSERT_EQUAL_STRING("q.thumb_distal_rad", aminn_field_name(7));
     TEST_ASSERT_EQUAL_STRING("x_ht.position_x_m", aminn_field_name(8));
     TEST_ASSERT_EQUAL_STRING("w_e.moment_z_Nm", aminn_field_name(19));

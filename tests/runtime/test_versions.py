@@ -70,7 +70,8 @@ def test_options_that_cannot_work_are_refused_by_name(flag: str, message: str, t
     assert message in next(line for line in done.stderr.splitlines() if "error:" in line)
 
 
-def test_zephyr_module_is_complete(tmp_path: Path) -> None:
+@pytest.mark.parametrize("hand", ["", "src/aminn_hand.h"])
+def test_zephyr_module_is_complete(hand: str, tmp_path: Path) -> None:
     """CMake runs the module's file with Zephyr's functions replaced by ones that print what they are given."""
     module = (TREE / "zephyr/module.yml").read_text()
     assert (TREE / re.search(r"cmake: (\S+)", module)[1] / "CMakeLists.txt").is_file()
@@ -83,12 +84,15 @@ def test_zephyr_module_is_complete(tmp_path: Path) -> None:
         "compile_definitions",
     )
     functions = "\n".join(f'function(zephyr_{n})\n  message("{n} ${{ARGN}}")\nendfunction()' for n in names)
-    settings = "set(CONFIG_AMINN_RT y)\nset(CONFIG_AMINN_RT_MAX_WIDTH 64)"
+    settings = f'set(CONFIG_AMINN_RT y)\nset(CONFIG_AMINN_RT_MAX_WIDTH 64)\nset(CONFIG_AMINN_RT_HAND "{hand}")'
+    settings += f'\nset(APPLICATION_SOURCE_DIR "{tmp_path}/my app")'
     script = f"{functions}\n{settings}\ninclude({TREE}/zephyr/CMakeLists.txt)\n"
     (tmp_path / "run.cmake").write_text(script)
     done = subprocess.run(["cmake", "-P", str(tmp_path / "run.cmake")], capture_output=True, text=True, check=True)
     assert "cascade.cpp" in done.stderr
     assert "AMINN_MAX_WIDTH=64" in done.stderr
+    assert (f'AMINN_HAND_HEADER="{tmp_path}/my app/{hand}"' in done.stderr) == bool(hand)
+    assert ("AMINN_HAND_HEADER" in done.stderr) == bool(hand)
     assert all(option in done.stderr for option in OPTIONS)
 
 

@@ -20,7 +20,9 @@ from aminn_base.read import AnyPath
 from .files.bin_model import BinModel, write_bin_model
 from .files.c_model import write_c_model
 from .files.c_names import check_prefix
-from .files.known_answer import informative_state, runtime
+from .files.compiled import runtime
+from .files.hand_header import write_hand_header
+from .files.known_answer import informative_state
 from .files.layout import WEIGHT_CODES, checked_name, default_name
 from .files.onnx_model import DEBUG_FILE, ONNX_FILE, write_onnx
 from .files.ranges import state_ranges, unknown_ranges
@@ -33,6 +35,7 @@ def write_model_files(exported: Exported, out_dir: AnyPath, prefix: str) -> None
     """Write the ONNX models, the C model and its binary form into an existing folder."""
     out_dir = Path(out_dir)
     write_c_model(exported, out_dir, prefix)
+    write_hand_header(exported, out_dir)
     write_bin_model(exported, out_dir / f"{prefix}.bin")
     write_onnx(exported, out_dir / ONNX_FILE)
     write_onnx(exported, out_dir / DEBUG_FILE, debug=True)

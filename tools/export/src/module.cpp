@@ -1,21 +1,16 @@
 // The C runtime as the Python module aminn_export._runtime: what a model's known answer is computed with.
 #include <cstdint>
-#include <cstring>
 #include <string>
-#include <vector>
 
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 
 #include "aminn_rt.h"
+#include "batch.hpp"
 
 namespace nb = nanobind;
 
 namespace {
-
-constexpr size_t kOutputWords = sizeof(aminn_output_t) / sizeof(uint32_t);
-constexpr size_t kStagesWords = AMINN_N_STAGE * sizeof(aminn_stage_debug_t) / sizeof(uint32_t);
-constexpr size_t kInputWords = sizeof(aminn_input_t) / sizeof(float);
 
 using Numbers = nb::ndarray<const float, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 template <class T>
@@ -29,72 +24,29 @@ Array<T> array(size_t rows, size_t columns)
                     nb::capsule(memory, [](void *p) noexcept { delete[] static_cast<T *>(p); }));
 }
 
-void require(aminn_status_t status, const char *what)
-{
-    if (status != AMINN_OK) {
-        throw nb::value_error((std::string(what) + ": " + aminn_status_text(status)).c_str());
-    }
-}
-
-// A copy where the runtime may use it in place.
-std::vector<uint64_t> aligned(const nb::bytes &blob)
-{
-    std::vector<uint64_t> copy((blob.size() + sizeof(uint64_t) - 1) / sizeof(uint64_t));
-    std::memcpy(copy.data(), blob.data(), blob.size());
-    return copy;
-}
-
-// One row: a state, or a whole input.
-aminn_status_t predict(aminn_t &ctx, const float *row, size_t columns, aminn_output_t &out)
-{
-    if (columns == AMINN_N_STATE) {
-        aminn_state_t state;
-        std::memcpy(&state, row, sizeof state);
-        return aminn_predict_state(&ctx, &state, &out);
-    }
-    aminn_input_t in;
-    std::memcpy(&in, row, sizeof in);
-    return aminn_predict(&ctx, &in, &out);
-}
-
 nb::tuple run(const nb::bytes &blob, const Numbers &numbers)
 {
     const size_t n = numbers.shape(0);
     const size_t columns = numbers.shape(1);
-    if (columns != AMINN_N_STATE && columns != kInputWords) {
-        throw nb::value_error(("numbers: expected " + std::to_string(AMINN_N_STATE) + " (a state) or " +
-                               std::to_string(kInputWords) + " (an input) a row")
-                                  .c_str());
+    if (columns != AMINN_N_STATE && columns != batch::kInputWords) {
+        const std::string expected =
+            std::to_string(AMINN_N_STATE) + " (a state) or " + std::to_string(batch::kInputWords) + " (an input)";
+        throw nb::value_error(("numbers: expected " + expected + " a row").c_str());
     }
-    const std::vector<uint64_t> bytes = aligned(blob);
-    aminn_model_t model;
-    require(aminn_model_from_blob(bytes.data(), blob.size(), &model), "model");
-    std::vector<aminn_t> ctx(1);
-    require(aminn_init(ctx.data(), &model, AMINN_FLAG_ALWAYS_STAGE2 | AMINN_FLAG_DEBUG), "model");
-    Array<uint32_t> outputs = array<uint32_t>(n, kOutputWords);
-    Array<uint32_t> stages = array<uint32_t>(n, kStagesWords);
+    Array<uint32_t> outputs = array<uint32_t>(n, batch::kOutputWords);
+    Array<uint32_t> stages = array<uint32_t>(n, batch::kStagesWords);
     Array<int32_t> statuses = array<int32_t>(n, 1);
-    for (size_t i = 0; i < n; ++i) {
-        aminn_output_t out;
-        statuses.data()[i] = predict(ctx[0], numbers.data() + i * columns, columns, out);
-        std::memcpy(outputs.data() + i * kOutputWords, &out, sizeof out);
-        const aminn_stage_debug_t *first = aminn_debug(ctx.data(), 0); // the second lies behind it
-        if (first != nullptr) {
-            std::memcpy(stages.data() + i * kStagesWords, first, kStagesWords * sizeof(uint32_t));
-        }
+    const int32_t status = aminn_batch_run(blob.data(), blob.size(), numbers.data(), n, columns, outputs.data(),
+                                           stages.data(), statuses.data());
+    if (status != AMINN_OK) {
+        throw nb::value_error((std::string("model: ") + aminn_status_text(status)).c_str());
     }
     return nb::make_tuple(outputs, stages, statuses);
 }
 
-nb::object self_test(const nb::bytes &blob)
+int32_t self_test(const nb::bytes &blob)
 {
-    const std::vector<uint64_t> bytes = aligned(blob);
-    aminn_model_t model;
-    std::vector<aminn_t> ctx(1);
-    aminn_status_t status = aminn_model_from_blob(bytes.data(), blob.size(), &model);
-    status = status == AMINN_OK ? aminn_init(ctx.data(), &model, 0) : status;
-    status = status == AMINN_OK ? aminn_self_test(ctx.data()) : status;
-    return nb::int_(static_cast<int>(status));
+    return aminn_batch_self_test(blob.data(), blob.size());
 }
 
 } // namespace

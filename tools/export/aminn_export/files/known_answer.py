@@ -6,9 +6,7 @@ compiled runtime itself, which are the same on every machine, so the same model 
 
 from __future__ import annotations
 
-import importlib
 import zlib
-from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +15,9 @@ from aminn.data.dataset import SPLITS, Dataset, split_of
 from aminn_base.errors import AminnError
 from aminn_hand.hand import N_WRENCH, Dims
 
+from .compiled import is_own, runtime, runtime_for
 from .layout import Layout, layout_of
-from .packing import KnownAnswer, header_dims, output_words, pack, twisted
+from .packing import KnownAnswer, output_words, pack
 from .ranges import STATE_FIELDS
 from .tables import Exported, dims_of
 
@@ -36,34 +35,13 @@ _GATE_AT = 1 + N_WRENCH + N_WRENCH * N_WRENCH
 _BENT_RAD, _REACH_M, _PRESS_N = 0.2, 0.03, 3.0
 
 
-def runtime() -> ModuleType:
-    """The compiled runtime. Raises AminnError if this installation lacks it."""
-    try:
-        return importlib.import_module("aminn_export._runtime")
-    except ImportError as error:
-        raise AminnError(f"export: the compiled runtime is missing ({error}); install the package again") from error
-
-
-def _answers_for(dims: Dims, module: ModuleType) -> bool:
-    """Whether a compiled runtime is that of a hand of these counts."""
-    return bool(tuple(module.hand) == (*header_dims(dims).values(), twisted(dims)))
-
-
-def runtime_for(dims: Dims) -> ModuleType:
-    """The runtime compiled for a hand of these counts."""
-    module = runtime()
-    if not _answers_for(dims, module):
-        raise AminnError(f"export: the compiled runtime is for a hand of {module.hand}, the model of {dims}")
-    return module
-
-
 def built_in_state(exported: Exported) -> NDArray[np.float32]:
     """A state of the model's hand that can be predicted from, for a model that is exported without its data (S).
 
     Of the reference hand a grasp; of another one a tool between contacts near the last joint of each branch.
     """
     dims, axes, anchors = dims_of(exported.tensors), exported.tensors["geom_axis"], exported.tensors["geom_anchor"]
-    if _answers_for(dims, runtime()):
+    if is_own(dims):
         return np.array(REFERENCE_GRASP, np.float32)
     last = np.asarray(anchors[:, -1], float)
     away = last - last.mean(0)

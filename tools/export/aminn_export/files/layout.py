@@ -230,8 +230,6 @@ def layout_of(exported: Exported) -> Layout:
     if int(meta.get("format_version", TABLES_VERSION)) != TABLES_VERSION:
         raise AminnError(f"model: format_version is {meta['format_version']}, this exporter knows {TABLES_VERSION}")
     dims = dims_of(exported.tensors)
-    if dims.twist:
-        raise AminnError("model: it has soft fingertips (twist_nom), which the C runtime does not know; train without")
     if meta["dq0"] not in DQ0_CODES:
         raise AminnError(f"model: dq0 is {meta['dq0']!r}, expected one of {', '.join(DQ0_CODES)}")
     names = {"name": "aminn_model", "hand": UNKNOWN, "made_by": UNKNOWN}

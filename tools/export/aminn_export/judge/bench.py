@@ -28,9 +28,9 @@ from aminn_base.files import check_outputs, write_json
 from aminn_base.program import Messages
 
 from ..files.bin_model import BinModel, read_bin_model
+from ..files.hand_header import header_beside
 from ..files.onnx_model import IR_VERSION, ONNX_FILE, OPSET, build_onnx
 from ..files.tables import dims_of
-from ..replay.hand_header import header_beside
 from ..replay.runtime_place import RuntimePlace, find_in, find_runtime, runtime_source
 from ..replay.targets import run
 from ..samples.golden import GOLDEN_FILE

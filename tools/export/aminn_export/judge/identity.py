@@ -21,7 +21,8 @@ from aminn_base.errors import AminnError
 
 from ..files.bin_model import BinModel, model_crc
 from ..files.c_model import c_model_texts
-from ..files.known_answer import runtime, runtime_for
+from ..files.compiled import runtime, runtime_for
+from ..files.hand_header import HAND_HEADER, fits, header_beside, name_in
 from ..files.onnx_model import DEBUG_FILE, ONNX_FILE, build_onnx, onnx_metadata
 from ..files.tables import dims_of
 from ..samples.golden import GOLDEN_FILE
@@ -100,6 +101,9 @@ def misfits(export_dir: Path, prefix: str, model: BinModel) -> list[str]:
         difference = _c_difference((export_dir / name).read_text(errors="replace"), wanted)
         if difference:
             lines.append(f"{name} is not {prefix}.bin: {difference}")
+    header = header_beside(export_dir)
+    if header is not None and not fits(header, dims_of(model.tensors)):
+        lines.append(f"{HAND_HEADER} is not of {prefix}.bin's hand, but of {name_in(header)}")
     for name, debug in ((ONNX_FILE, False), (DEBUG_FILE, True)):
         file = export_dir / name
         difference = _onnx_difference(file, model, debug) if file.is_file() else None

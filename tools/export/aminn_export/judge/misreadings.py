@@ -23,7 +23,7 @@ from aminn.pages.grasp_picture import branch_points
 from aminn_base.errors import AminnError
 from aminn_hand import Hand
 
-from ..files.known_answer import runtime
+from ..files.compiled import runtime
 from ..files.ranges import STATE_FIELDS
 from .verify import scaled_norm
 

@@ -30,11 +30,11 @@ from aminn_base.run import run_program
 from aminn_hand.hand import INPUTS, LENGTH_M, OUTPUTS
 
 from ..files.bin_model import BinModel, read_bin_model
+from ..files.hand_header import header_beside
 from ..files.onnx_model import DEBUG_FILE, ONNX_FILE, build_onnx
 from ..files.tables import dims_of
 from ..replay import serial_protocol, targets
 from ..replay.engines import ENGINES, load_engine
-from ..replay.hand_header import header_beside
 from ..replay.runtime_place import REPLAY_SOURCES, RuntimePlace, find_runtime
 from ..samples.golden import GOLDEN_FILE, inputs_of, run_onnx, single_thread_session
 from ..samples.reference import Reference

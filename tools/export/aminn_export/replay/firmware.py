@@ -11,7 +11,7 @@ from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
 from aminn_base.run import run_program
 
-from .hand_header import header_beside
+from ..files.hand_header import header_beside
 
 QEMU = "qemu-system-arm"
 BOARDS = {"cortex_m4": "mps2-an386", "cortex_m7": "mps2-an500", "cortex_m33": "mps2-an505"}

@@ -11,7 +11,7 @@ from aminn_base.files import write_atomically
 from aminn_base.lock import locked_folder
 from aminn_base.run import run_program
 
-from .hand_header import HAND_HEADER, build_name, name_in, same_build
+from ..files.hand_header import HAND_HEADER, build_name, name_in, same_build
 
 REPLAY_SOURCES = ("aminn_replay.c", "host_file.c")
 """What the replay program is compiled from, beside the library."""

@@ -16,8 +16,8 @@ from pathlib import Path
 from aminn_base.errors import AminnError
 from aminn_base.run import run_program
 
+from ..files.hand_header import header_beside
 from .firmware import BOARDS, build_firmware, run_firmware
-from .hand_header import header_beside
 from .runtime_place import REPLAY_SOURCES
 
 RUNTIME = Path(__file__).resolve().parents[4] / "runtime"
