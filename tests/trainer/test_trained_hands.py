@@ -27,7 +27,7 @@ from aminn_base.errors import AminnError, OutdatedError
 from aminn_base.files import write_json
 from aminn_hand import Hand
 from aminn_hand.hand import ContactModel
-from aminn_sim.hand_file import default_hand_file
+from aminn_sim.open_hand import default_hand_file
 from aminn_sim.understand import understand
 
 SHIPPED = sorted((default_hand_file().parent / "hands").glob("*.toml"))
