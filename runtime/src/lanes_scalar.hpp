@@ -71,6 +71,14 @@ AMINN_INLINE void transpose(const Row branches[kBranch], const Row &last, Tendon
     }
 }
 
+// to = what stands behind the branches' columns
+AMINN_INLINE void take_last(const TendonRow rows[kMotion], Row &to)
+{
+    for (int i = 0; i < kMotion; ++i) {
+        to.v[i] = rows[i][kBranch];
+    }
+}
+
 // out[r] = the sum of the products of the components of each of the rows and z
 AMINN_INLINE void dots(const Row *rows, int n, const Row &z, float *out)
 {

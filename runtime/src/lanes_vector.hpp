@@ -97,6 +97,17 @@ AMINN_INLINE void transpose(const Row branches[kBranch], const Row &last, Tendon
     }
 }
 
+// to = what stands behind the branches' columns
+AMINN_INLINE void take_last(const TendonRow rows[kMotion], Row &to)
+{
+    float last[kMotion];
+    AMINN_UNROLL_ROWS
+    for (int i = 0; i < kMotion; ++i) {
+        last[i] = rows[i][kBranch];
+    }
+    load_row(to, last);
+}
+
 // components of a (0 to 7) and b (8 to 15)
 template <int... i>
 AMINN_INLINE void pick(Float8 &to, const Float8 &a, const Float8 &b)

@@ -122,6 +122,7 @@ AMINN_FUNCTION void factor_contact(const Branches *springs, const aminn_input_t 
     const int n = in_group(g);
     ContactRow *rows = contact.rows;
     Branches inv_diag[kCoord];
+    const Branches compliance = gather(eps_m + b, 1, n);
     for (int c = 0; c < kCoord; ++c) {
         const Branches values[kMotion] = {
             -gather(&in.j_q[b][0][c], 3 * kCoord, n), -gather(&in.j_q[b][1][c], 3 * kCoord, n),
@@ -129,10 +130,14 @@ AMINN_FUNCTION void factor_contact(const Branches *springs, const aminn_input_t 
         load_row(rows[c], values);
         inv_diag[c] = 1.0F / springs[at(kDiag + c, g)];
         contact.row_weight[c] = inv_diag[c] * inv_diag[c];
+        if (kCoord <= 3 || c < 3) { // a row for each dimension of space, below
+            contact.row_weight[kCoord + c] = compliance;
+        }
     }
-    const Branches compliance = gather(eps_m + b, 1, n);
-    for (int i = 0; i < 3; ++i) {
-        contact.row_weight[kCoord + i] = compliance;
+    if constexpr (kCoord < 3) {
+        for (int i = kCoord; i < 3; ++i) {
+            contact.row_weight[kCoord + i] = compliance;
+        }
     }
     for (int r = 1; r < kCoord; ++r) {
         for (int c = 0; c < r; ++c) {
@@ -256,9 +261,9 @@ AMINN_FUNCTION void displacement(const Grasp &grasp, const Row &z, const float t
     load_row(x, x_s);
     for (int i = 0; i < 3; ++i) {
         const float *j = in.j_q[b][i];
-        const float values[kMotion] = {j[0], j[1], j[2], dot(a[i], x), 0.0F, 0.0F};
+        float values[kMotion] = {j[0], j[1], j[2], dot(a[i], x), 0.0F, 0.0F};
+        values[i] = values[i] + eps_jq;
         load_row(rows[i], values);
-        set_component(rows[i], i, j[i] + eps_jq);
     }
     orthogonalise(rows, 3, 3, kThreeOnes, u, unused[0], unused[1]);
     float stretch = 0.0F;
@@ -393,12 +398,7 @@ static void two_pass(const aminn_model_t &model, const aminn_stage_model_t &stag
         float unused[2][kBranch];
         transpose(h, y, rows);
         orthogonalise(rows, kMotion, kBranch, grasp.inv_d, u, unused[0], unused[1]);
-        float left[kMotion];
-        AMINN_UNROLL_ROWS
-        for (int i = 0; i < kMotion; ++i) {
-            left[i] = rows[i][kBranch];
-        }
-        load_row(z, left);
+        take_last(rows, z);
         multiply(z, inv_d);
     }
     displacement(grasp, z, scene.scale, summary.x_s, out.dx);
