@@ -40,23 +40,20 @@ void joint_side(const aminn_model_t &model, int b, int first, const float *q, co
                 float (*j_q)[AMINN_N_COORD])
 {
     constexpr int kLast = AMINN_N_COORD - 1;
-    const int row = b * AMINN_N_COORD + first;
-    const float *axis = model.geom_axis + 3 * row;
-    const float *anchor = model.geom_anchor + 3 * row;
-    const float origin[3] = {};
+    const float *axis = model.geom_axis + 3 * AMINN_N_COORD * b;
+    const float *anchor = model.geom_anchor + 3 * AMINN_N_COORD * b;
     float chain[AMINN_N_COORD][kVectors][3];
-    const float *before = origin;
-    for (int c = first; c <= kLast; ++c) {
-        std::memcpy(chain[c][kAxis], axis, sizeof chain[c][kAxis]);
-        subtract(anchor, before, chain[c][kLink]);
-        before = anchor;
-        axis += 3;
-        anchor += 3;
-    }
-    for (int c = kLast - 1; c >= first; --c) { // the last coordinate turns nothing that counts
-        const SineCosine angle = sine_cosine(q[c - first]);
-        for (float (*v)[3] = chain[c + 1]; v != chain[AMINN_N_COORD]; ++v) {
-            turn(chain[c][kAxis], angle, *v);
+    for (int c = kLast; c >= first; --c) {
+        std::memcpy(chain[c][kAxis], axis + 3 * c, sizeof chain[c][kAxis]);
+        std::memcpy(chain[c][kLink], anchor + 3 * c, sizeof chain[c][kLink]);
+        if (c > first) {
+            subtract(chain[c][kLink], anchor + 3 * c - 3, chain[c][kLink]);
+        }
+        if (c < kLast) { // the last coordinate turns nothing that counts
+            const SineCosine angle = sine_cosine(q[c - first]);
+            for (float (*v)[3] = chain[c + 1]; v != chain[AMINN_N_COORD]; ++v) {
+                turn(chain[c][kAxis], angle, *v);
+            }
         }
     }
     float arm[3];

@@ -55,9 +55,11 @@ bool all_finite16(const uint16_t *values, uint32_t n)
     return ok;
 }
 
-// every table is there, and all of it finite
-bool tables_finite(const aminn_model_t &m)
+// Every table is there, all of it finite, and above zero where it must be. Of the mask, each number is 0 or 1, a branch
+// lacks its first coordinates, and those that there are are the joints.
+bool tables_ok(const aminn_model_t &m)
 {
+    uint32_t signs = 0;
     for (const TableInfo &info : kTables) {
         Table table;
         find_table(m, info, table);
@@ -69,21 +71,9 @@ bool tables_finite(const aminn_model_t &m)
                 : !all_finite16(static_cast<const uint16_t *>(table.numbers), table.n)) {
             return false;
         }
-    }
-    return true;
-}
-
-// Finite everywhere is checked before; here the tables that have a sign, and the mask: 0 or 1, a branch lacks its first
-// coordinates, and those that there are are the joints.
-bool tables_in_range(const aminn_model_t &m)
-{
-    uint32_t signs = signs_of(m.wrench_log_scale, AMINN_N_WRENCH) | signs_of(m.stage[0].eps_m, AMINN_N_BRANCH) |
-                     signs_of(m.stage[1].eps_m, AMINN_N_BRANCH);
-    if constexpr (kTwisted) {
-        signs |= signs_of(m.twist_nom, AMINN_N_BRANCH);
-    }
-    if constexpr (kGated && !kSomeLack) {
-        signs |= signs_of(m.tendon_gain_nom, AMINN_N_BRANCH);
+        if (info.kind == kPositive) {
+            signs |= signs_of(static_cast<const float *>(table.numbers), table.n);
+        }
     }
     uint32_t wrong = 0;
     uint32_t joints = 0;
@@ -119,5 +109,5 @@ aminn_status_t aminn_model_check(const aminn_model_t *model)
     if (!dims_ok(*model)) {
         return AMINN_E_DIMS;
     }
-    return constants_ok(*model) && tables_finite(*model) && tables_in_range(*model) ? AMINN_OK : AMINN_E_MODEL;
+    return constants_ok(*model) && tables_ok(*model) ? AMINN_OK : AMINN_E_MODEL;
 }

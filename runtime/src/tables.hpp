@@ -25,7 +25,8 @@ constexpr unsigned kExtentBits = 10;
 
 enum Kind : uint8_t {
     kFloats = 0,
-    kWeights = 1, // of the model's weight_type
+    kWeights = 1,  // of the model's weight_type
+    kPositive = 2, // floats above zero
 };
 
 struct TableInfo {
@@ -40,7 +41,7 @@ static_assert((sizeof(aminn_known_answer_t) / sizeof(float)) < kContactWidth, "a
 #define AMINN_TABLE(field, rows, columns, kind) \
     {offsetof(aminn_model_t, field) / sizeof(void *), (rows) | ((columns) == 1 ? 0u : (columns) << kExtentBits), kind}
 #define AMINN_STAGE_TABLES(i)                                                                                         \
-    AMINN_TABLE(stage[i].eps_m, AMINN_N_BRANCH, 1, kFloats),                                                          \
+    AMINN_TABLE(stage[i].eps_m, AMINN_N_BRANCH, 1, kPositive),                                                        \
         AMINN_TABLE(stage[i].contact_mean, AMINN_N_CONTACT_INPUT, 1, kFloats),                                        \
         AMINN_TABLE(stage[i].contact_inv_std, AMINN_N_CONTACT_INPUT, 1, kFloats),                                     \
         AMINN_TABLE(stage[i].global_mean, AMINN_N_GLOBAL_INPUT, 1, kFloats),                                          \
@@ -55,15 +56,15 @@ static_assert((sizeof(aminn_known_answer_t) / sizeof(float)) < kContactWidth, "a
 
 inline constexpr TableInfo kTables[] = {
     // one copy, whoever walks it
-    AMINN_TABLE(wrench_log_scale, AMINN_N_WRENCH, 1, kFloats),
+    AMINN_TABLE(wrench_log_scale, AMINN_N_WRENCH, 1, kPositive),
     AMINN_TABLE(chol_nom, AMINN_N_BRANCH, AMINN_N_CHOLESKY, kFloats),
 #if AMINN_N_GATED > 0
     AMINN_TABLE(tendon_dir_nom, AMINN_N_BRANCH, AMINN_N_COORD, kFloats),
-    AMINN_TABLE(tendon_gain_nom, AMINN_N_BRANCH, 1, kFloats),
+    AMINN_TABLE(tendon_gain_nom, AMINN_N_BRANCH, 1, AMINN_N_GATED < AMINN_N_BRANCH ? kFloats : kPositive),
     AMINN_TABLE(gate_nom, 3, 1, kFloats),
 #endif
 #if AMINN_N_TWIST > 0
-    AMINN_TABLE(twist_nom, AMINN_N_BRANCH, 1, kFloats),
+    AMINN_TABLE(twist_nom, AMINN_N_BRANCH, 1, kPositive),
 #endif
     AMINN_TABLE(coord_mask, AMINN_N_BRANCH, AMINN_N_COORD, kFloats),
     AMINN_TABLE(geom_axis, AMINN_N_BRANCH, AMINN_N_COORD * 3, kFloats),

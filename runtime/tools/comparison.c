@@ -8,7 +8,7 @@
 #include "host_file.h"
 #include "tolerances.h"
 
-enum { N_DX = 6, N_K_X = 36, N_GATE = 3 };
+enum { N_DX = AMINN_N_WRENCH, N_K_X = N_DX * N_DX, N_GATE = AMINN_N_BRANCH };
 
 typedef struct tolerance {
     double floor, share, per_condition, per_m, median;

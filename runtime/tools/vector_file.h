@@ -32,10 +32,7 @@ typedef struct vector_header {
 /* Row of a result file. */
 static inline void result_row(const aminn_output_t *out, float row[RESULT_N_OUT])
 {
-    row[0] = out->p_stable;
-    memcpy(row + 1, out->dx_ht, sizeof out->dx_ht);
-    memcpy(row + 7, out->k_x, sizeof out->k_x);
-    memcpy(row + 43, out->gate, sizeof out->gate);
+    memcpy(row, out, VECTOR_N_OUT * sizeof *row); /* p_stable, dx_ht, k_x, gate, with which the struct begins */
     row[VECTOR_N_OUT] = (float)out->stable;
 }
 

@@ -23,6 +23,7 @@ from aminn_export.files.bin_model import bin_model_bytes, read_bin_model
 from aminn_export.files.compiled import runtime
 from aminn_export.files.known_answer import REFERENCE_GRASP, answered
 from aminn_export.files.ranges import STATE_FIELDS
+from aminn_export.replay.runtime_place import find_in
 from aminn_export.samples.vectors import read_results, read_vectors
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
@@ -33,7 +34,7 @@ def status_of(blob: bytes) -> str:
 
 
 def test_the_module_gives_the_bits_of_aminn_replay(build_dir: Path, tmp_path: Path) -> None:
-    replay = next(build_dir.rglob("aminn_replay"))
+    replay = find_in(build_dir, "aminn_replay")
     model, vectors, out = GOLDEN / "aminn_model.bin", GOLDEN / "golden.bin", tmp_path / "out.bin"
     subprocess.run([str(replay), str(model), str(vectors), str(out)], check=True, capture_output=True)
     inputs, results = read_vectors(vectors).inputs, read_results(out)
@@ -138,7 +139,7 @@ def test_models_of_version_6_are_refused_by_number(build_dir: Path, tmp_path: Pa
     (tmp_path / "old.bin").write_bytes(blob)
     with pytest.raises(AminnError, match="format version 6, this program reads 7; export it again"):
         read_bin_model(tmp_path / "old.bin")
-    command = [str(next(build_dir.rglob("aminn_replay"))), "old.bin", str(GOLDEN / "golden.bin"), "out.bin"]
+    command = [str(find_in(build_dir, "aminn_replay")), "old.bin", str(GOLDEN / "golden.bin"), "out.bin"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 1
     assert "AMINN_E_VERSION" in done.stderr and "export it again" in done.stderr

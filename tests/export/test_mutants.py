@@ -29,6 +29,7 @@ from aminn_export.judge.compare import compare_files
 from aminn_export.judge.identity import misfits
 from aminn_export.judge.verdict import compare_bits, compare_within
 from aminn_export.judge.verify import check_golden
+from aminn_export.replay.runtime_place import find_in
 from aminn_export.samples.golden import run_onnx, single_thread_session
 from aminn_export.samples.vectors import (
     Results,
@@ -59,7 +60,7 @@ def program(build_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out, tools = tmp_path_factory.mktemp("mutants") / "mutants", ROOT / "runtime" / "tools"
     sources = [ROOT / "tests" / "runtime" / "mutants.c", tools / "comparison.c", tools / "host_file.c"]
     command = ["cc", "-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", f"-I{tools}", f"-I{ROOT / 'runtime/include'}"]
-    library = next(build_dir.rglob("libaminn_rt.a"))
+    library = find_in(build_dir, "libaminn_rt.a")
     subprocess.run([*command, *map(str, sources), str(library), "-lm", "-o", str(out)], check=True)
     return out
 
@@ -84,7 +85,7 @@ def small(tmp_path_factory: pytest.TempPathFactory, build_dir: Path) -> Path:
     write_vectors(
         folder / "golden.bin", x, run_onnx(single_thread_session(folder / "aminn.onnx"), x), None, model_crc(model)
     )
-    replay = next(p for p in build_dir.rglob("aminn_replay") if p.is_file())
+    replay = find_in(build_dir, "aminn_replay")
     files = [folder / name for name in ("aminn_model.bin", "golden.bin", "results.bin")]
     subprocess.run([replay, *files], check=True, capture_output=True)
     return folder

@@ -17,6 +17,7 @@ from aminn_export.files.compiled import runtime_for
 from aminn_export.files.hand_header import HAND_HEADER, header_beside, name_in
 from aminn_export.files.tables import branch_joints, dims_of
 from aminn_export.judge.identity import misfits
+from aminn_export.replay.runtime_place import find_in
 
 RUNTIME = Path(__file__).resolve().parents[2] / "runtime"
 
@@ -104,7 +105,7 @@ def test_a_program_with_the_wrong_hand_does_not_compile_or_link(gripper_dir: Pat
         "int main(void) { return aminn_init(&ctx, &aminn_model, 0) != AMINN_OK; }\n"
     )
     command = ["cc", f'-DAMINN_HAND_HEADER="{gripper_dir / HAND_HEADER}"', f"-I{RUNTIME / 'include'}", str(main)]
-    command += [str(gripper_dir / "model.o"), str(next(build_dir.rglob("libaminn_rt.a"))), "-lm", "-o", "/dev/null"]
+    command += [str(gripper_dir / "model.o"), str(find_in(build_dir, "libaminn_rt.a")), "-lm", "-o", "/dev/null"]
     linked = subprocess.run(command, capture_output=True, text=True)
     assert linked.returncode
     assert "aminn_library_of_2_branches_2_coordinates_4_joints_2_gated_0_twisted" in linked.stderr

@@ -16,7 +16,7 @@ from aminn_base.errors import AminnError, InUseError, WriteError
 from aminn_base.lock import locked_folder
 from aminn_export.export import export
 from aminn_export.files.hand_header import build_name
-from aminn_export.replay.runtime_place import find_runtime
+from aminn_export.replay.runtime_place import find_in, find_runtime
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -111,7 +111,7 @@ def test_verify_and_compare_do_not_overwrite_their_inputs(
 
 def test_replay_without_room_says_so_and_leaves_nothing(build_dir: Path, tmp_path: Path) -> None:
     """A limit on the size of files, as a quota sets it: by default it ends a process by a signal."""
-    program = next(build_dir.rglob("aminn_replay"))
+    program = find_in(build_dir, "aminn_replay")
     golden = Path(__file__).resolve().parents[1] / "golden"
     out = tmp_path / "out.bin"
     done = subprocess.run(

@@ -24,6 +24,7 @@ from aminn_export.files.bin_model import read_bin_model, write_bin_model
 from aminn_export.files.c_model import write_c_model
 from aminn_export.judge.verify import check_golden, run_verification, samples_of_dataset, verify
 from aminn_export.replay.engines import ENGINES
+from aminn_export.replay.runtime_place import find_in
 from aminn_export.samples.golden import run_onnx, single_thread_session
 from aminn_export.samples.vectors import read_results, read_vectors, write_results, write_vectors
 from aminn_hand.hand import OUTPUTS
@@ -205,7 +206,7 @@ def test_reports_name_every_number(exported: RandomModel, copy: Path, vectors: P
 
 
 def test_two_result_files_are_compared(export_dir: Path, vectors: Path, build_dir: Path, tmp_path: Path) -> None:
-    replay = next(p for p in build_dir.rglob("aminn_replay") if p.is_file())
+    replay = find_in(build_dir, "aminn_replay")
     model, first, second = export_dir / "aminn_model.bin", tmp_path / "first.bin", tmp_path / "second.bin"
     subprocess.run([replay, model, vectors, first], check=True, capture_output=True)
     second.write_bytes(first.read_bytes())

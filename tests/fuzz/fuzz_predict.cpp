@@ -191,8 +191,10 @@ size_t mutate_once(uint8_t *data, size_t size, size_t max_size, Random &random)
         complete(data, size);
     }
     if (below(random, 2) == 0) { // the tool far away, or a contact: lever arms beside which the springs vanish
-        static const size_t kPlaces[] = {8, 21, 29, 37};
-        scale_vector(data + 1 + 4 * kPlaces[below(random, std::size(kPlaces))], random);
+        constexpr size_t kFirst = AMINN_N_JOINT + 2 * AMINN_N_WRENCH + 1; // position of the first contact
+        const size_t which = below(random, AMINN_N_BRANCH + 1);
+        const size_t place = which == 0 ? AMINN_N_JOINT : kFirst + AMINN_N_CONTACT_FEATURE * (which - 1);
+        scale_vector(data + 1 + 4 * place, random);
     }
     for (size_t n = below(random, 4); n > 0; --n) {
         mutate_float(data + 1 + 4 * below(random, kFloats), random);

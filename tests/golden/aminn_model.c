@@ -4740,6 +4740,7 @@ const aminn_model_t aminn_model = {
     .tendon_dir_nom = aminn_model_tendon_dir_nom,
     .tendon_gain_nom = aminn_model_tendon_gain_nom,
     .gate_nom = aminn_model_gate_nom,
+    .twist_nom = NULL,
     .coord_mask = aminn_model_coord_mask,
     .geom_axis = aminn_model_geom_axis,
     .geom_anchor = aminn_model_geom_anchor,

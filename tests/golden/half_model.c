@@ -2298,6 +2298,7 @@ const aminn_model_t half_model = {
     .tendon_dir_nom = half_model_tendon_dir_nom,
     .tendon_gain_nom = half_model_tendon_gain_nom,
     .gate_nom = half_model_gate_nom,
+    .twist_nom = NULL,
     .coord_mask = half_model_coord_mask,
     .geom_axis = half_model_geom_axis,
     .geom_anchor = half_model_geom_anchor,

@@ -618,6 +618,7 @@ const aminn_model_t tiny_model = {
     .tendon_dir_nom = tiny_model_tendon_dir_nom,
     .tendon_gain_nom = tiny_model_tendon_gain_nom,
     .gate_nom = tiny_model_gate_nom,
+    .twist_nom = NULL,
     .coord_mask = tiny_model_coord_mask,
     .geom_axis = tiny_model_geom_axis,
     .geom_anchor = tiny_model_geom_anchor,

@@ -18,7 +18,7 @@ from aminn_hand.hand import Dims
 
 from .c_names import check_prefix
 from .known_answer import answered
-from .layout import FORMAT_VERSION, NAME_ROOM, SCALARS, STAGE_SCALARS, Layout, Table, default_name
+from .layout import FORMAT_VERSION, NAME_ROOM, OPTIONAL_TABLES, SCALARS, STAGE_SCALARS, Layout, Table, default_name
 from .packing import KnownAnswer, content_crc, header_dims, twisted
 from .ranges import STATE_FIELDS
 from .tables import STAGES, Exported
@@ -96,7 +96,10 @@ def _model(prefix: str, layout: Layout, answer: KnownAnswer) -> str:
     lines += [f".n_twist = {twisted(layout.dims)}u,"]
     lines += [f'.{kind} = "{text}",' for kind, text in zip(NAME_ROOM, layout.names, strict=True)]
     lines += [".library = AMINN_LIBRARY,"]
-    lines += [f".{t.field} = {_symbol(prefix, t)}," for t in layout.tables if not t.owner]
+    own = {t.field: _symbol(prefix, t) for t in layout.tables if not t.owner}
+    fields = [field for field in own if field not in OPTIONAL_TABLES]
+    at = fields.index("chol_nom") + 1
+    lines += [f".{field} = {own.get(field, 'NULL')}," for field in (*fields[:at], *OPTIONAL_TABLES, *fields[at:])]
     lines += [f".known_answer = &{prefix}_known_answer,"]
     stages = ["{\n        " + "\n        ".join(_stage(prefix, layout, i)) + "\n    }" for i in range(len(STAGES))]
     lines += [".stage = {" + ", ".join(stages) + "},"]

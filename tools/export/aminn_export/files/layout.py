@@ -32,6 +32,8 @@ WEIGHT_CODES = {"float32": 0, "float16": 1}
 WEIGHT_TYPES: dict[str, type[np.floating]] = {"float32": np.float32, "float16": np.float16}
 SCALARS = ("length_scale", "log_range", "displacement_log_scale", "tau")
 STAGE_SCALARS = ("eps_kx", "eps_jq")
+OPTIONAL_TABLES = ("tendon_dir_nom", "tendon_gain_nom", "gate_nom", "twist_nom")
+"""Behind chol_nom; left out where the hand has no gates, or no soft fingertips."""
 
 
 class Table(NamedTuple):

@@ -44,8 +44,8 @@ class RuntimePlace:
 
 
 def find_in(folder: Path, name: str) -> Path:
-    """The file of this name below a folder."""
-    found = sorted(folder.rglob(name))
+    """The file of this name below a folder; of several the least deep: builds for other hands lie below."""
+    found = sorted(folder.rglob(name), key=lambda file: (len(file.parts), file))
     if not found:
         raise AminnError(f"{folder}: no {name} there; build the C runtime first (`make` targets do)")
     return found[0]
