@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from synthetic import HANDS, write_dataset
+from synthetic import HANDS, draw_inputs, draw_wrench, write_dataset
 
 from aminn.data.dataset import Dataset, load_dataset
 from aminn.data.origin import differences
 from aminn.evaluation.analysis import breakdown, gate_figures, noise_figures
 from aminn.evaluation.evaluate import evaluate, learned
 from aminn.hand.closure import closure, fingertips
+from aminn.hand.nominal import FRICTION
 from aminn.model.checkpoint import META, Checkpoint, load_checkpoint
 from aminn.model.config import MechanicsConfig, ModelConfig, TrainConfig
 from aminn.model.network import Aminn
@@ -202,6 +203,23 @@ def test_soft_fingertips_resist_twisting_by_default() -> None:
 
     assert heads(hand) == [False, False] and heads(soft) == [True, True]
     assert heads(soft, soft_finger=False) == [False, False] and heads(hand, soft_finger=True) == [True, True]
+
+
+def test_an_untrained_model_of_soft_fingertips_resists_twisting_as_their_patch_does() -> None:
+    """Else nothing but eps_Kx would hold a tool that two fingertips pinch, and nothing learned were far from it."""
+    hand = replace(HANDS["gripper 2x2"], contact=ContactModel("soft_finger", 0.003))
+    rng = np.random.default_rng(0)
+    rows = [draw_inputs(rng, hand) | {"w_e": draw_wrench(rng)} for _ in range(5)]
+    x = {k: torch.tensor(np.stack([r[k] for r in rows])) for k in rows[0]}
+    plain, soft = (
+        Aminn(ModelConfig(soft_finger=on), hand).double().stage2.backbone.nominal_response(x).k_x
+        for on in (False, True)
+    )
+    normal = x["contacts"][..., 4:7]
+    stiffness = torch.tensor([(0.003 / FRICTION) ** 2 / b.eps_m for b in hand.branches])
+    wanted = (stiffness[:, None, None] * normal[..., :, None] * normal[..., None, :]).sum(1)
+    torch.testing.assert_close((soft - plain)[:, 3:, 3:], wanted, rtol=1e-5, atol=1e-5)
+    assert stiffness.min() > 0.5  # N.m/rad
 
 
 def test_contact_compliance_is_the_hands_unless_it_is_told() -> None:

@@ -16,6 +16,13 @@ from aminn_base.errors import AminnError
 from aminn_hand import Branch, Hand
 
 Array = NDArray[np.float64]
+FRICTION = 0.75
+"""Nominal: greatest tangential over normal force of a contact."""
+LEAST_RADIUS_M = 1e-4
+"""Nominal radius of the patch of a contact that the hand calls a point, where it is to resist twisting all the same.
+
+A patch of radius r is as stiff about its normal as springs of its compliance at a distance r from the middle.
+"""
 
 
 @dataclass(frozen=True)
@@ -27,6 +34,7 @@ class Nominal:
     tendon_gain: Array  # (B,) N.m/rad; 0 where a branch has no gated tendon
     coord_mask: Array  # (B, C) 1 where the branch has the coordinate
     eps_m: Array  # (B,) compliance of each contact, m/N
+    twist: Array  # (B,) stiffness of each contact about its normal where fingertips are soft, N.m/rad
     axis: Array  # (B, C, 3) unit joint axes, H, at q = 0; 0 where absent
     anchor: Array  # (B, C, 3) m, a point on each axis, H, at q = 0; 0 where absent
 
@@ -58,7 +66,8 @@ def nominal_of(hand: Hand) -> Nominal:
             gain[b] = branch.tendons[gated].stiffness_N_m * arm @ arm
             direction[b] = -arm / np.linalg.norm(arm)  # a flexor is stretched where its joints extend
     eps_m = np.array([b.eps_m for b in hand.branches])
-    return Nominal(chol, direction, gain, hand.coordinate_mask, eps_m, axis, anchor)
+    radius = hand.contact.torsional_friction_m / FRICTION if hand.contact.torsional_friction_m > 0 else LEAST_RADIUS_M
+    return Nominal(chol, direction, gain, hand.coordinate_mask, eps_m, radius**2 / eps_m, axis, anchor)
 
 
 def _cholesky(hand: Hand, branch: Branch, springs: Array) -> Array:

@@ -17,7 +17,7 @@ from aminn_hand import Hand
 from ..hand.nominal import nominal_of
 from .checkpoint import Checkpoint
 from .config import ModelConfig
-from .network import TWIST_NOMINAL, Aminn, Backbone
+from .network import Aminn, Backbone
 
 FORMAT_VERSION = 1
 # Table name -> name in the backbone's state.
@@ -111,7 +111,7 @@ def export_tables(checkpoint: Checkpoint) -> ExportedModel:
     tensors |= {name: constants[name].numpy() for name in _CONSTANTS if model.hand.dims.gates or name not in _TENDONS}
     tensors |= geometry_tables(model.hand)
     if config.twists(model.hand):
-        tensors["twist_nom"] = np.full(model.hand.dims.branches, TWIST_NOMINAL)
+        tensors["twist_nom"] = nominal_of(model.hand).twist
     stages = [asdict(m) for m in config.mechanics]
     for stage, part in zip(stages, (model.stage1.backbone, model.stage2.backbone), strict=True):
         stage["eps_m"] = part.eps_m if np.ptp(part.eps_m) > 0 else part.eps_m[0]

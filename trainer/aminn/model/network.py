@@ -18,7 +18,7 @@ from aminn_base.errors import AminnError
 from aminn_hand import Dims, Hand
 from aminn_hand.hand import LEAST_MOTION_M, N_GATE, N_WRENCH
 
-from ..hand.nominal import Nominal, nominal_of
+from ..hand.nominal import FRICTION, Nominal, nominal_of
 from .config import MechanicsConfig, ModelConfig
 from .mechanics import (
     AXES,
@@ -88,9 +88,8 @@ def global_input(q: Tensor, x_ht: Tensor, w_e: Tensor, wrench_log_scale: Tensor)
     return torch.cat([q, x_ht, w_e, slog(w_e, wrench_log_scale)], -1)
 
 
-# Centres of what the optional heads predict.
-TWIST_NOMINAL = 1e-3  # N.m/rad
-SLIP_NOMINAL = (0.75, 1e-3)  # 1, m/N
+# Centre of what the optional head predicts.
+SLIP_NOMINAL = (FRICTION, 1e-3)  # 1, m/N
 
 
 def _near_zero(layer: nn.Linear) -> nn.Linear:
@@ -150,6 +149,7 @@ class Backbone(nn.Module):
         self.eps_m_start = torch.tensor(eps_m if np.ptp(eps_m) > 0 else eps_m[0], dtype=torch.float64)  # (B) or ()
         self.gated = tuple(bool(gain > 0) for gain in nominal.tendon_gain)
         self.length_m = hand.length_m
+        self.twist_start = torch.tensor(nominal.twist, dtype=torch.float32)
         start = nominal if config.heads == "correction" else _uniform(nominal)
         constants = {
             "wrench_log_scale": config.wrench_log_scale,
@@ -231,8 +231,8 @@ class Backbone(nn.Module):
             change = self.eps_m_change.exp()
             extras = extras._replace(eps_m=self.eps_m_start.to(change.dtype) * change)
         if self.twist_head is not None:
-            reach = 2 * self.config.log_range
-            extras = extras._replace(twist=TWIST_NOMINAL * torch.exp(reach * torch.tanh(self.twist_head(f))))  # (N, B)
+            factor = torch.exp(2 * self.config.log_range * torch.tanh(self.twist_head(f)))  # (N, B)
+            extras = extras._replace(twist=self.twist_start * factor)
         if self.slip_head is not None:
             raw = torch.tanh(self.slip_head(f)).unflatten(-1, (2, self.dims.branches))
             friction, compliance = raw.unbind(-2)  # (N, B) each
@@ -254,8 +254,12 @@ class Backbone(nn.Module):
 
     def nominal_response(self, x: dict[str, Tensor]) -> Response:
         """The analytical model: nominal springs, tendons taut, nothing learned. Raw head outputs are all zero."""
-        y = x["q"].new_zeros(x["q"].shape[0], self.dims.head)
-        return self.respond(self.springs_from_head(y), x)
+        n = len(x["q"])
+        y, extras = x["q"].new_zeros(n, self.dims.head), NO_EXTRAS
+        if self.twist_head is not None:
+            twist = self.twist_start.to(y.dtype).expand(n, -1)
+            extras = Extras(twist=twist, normal=x["contacts"][..., 4:7])
+        return self.respond(self.springs_from_head(y), x, extras)
 
 
 def motion_size(r: Response) -> Tensor:
