@@ -252,9 +252,15 @@ def _recorded(out: Path) -> dict[str, str]:
 
 
 def check_tools_fit(config: SimulationConfig, opened: OpenHand, simulator: _core.Simulator) -> None:
-    """Raises SimulationError where the largest tool does not fit between the fingertips."""
+    """Raises SimulationError where no tool fits between the fingertips, or none of the size that was asked for."""
     gap = opened.largest_gap_m(simulator)
-    if 2 * config.radius_max_m > gap:
+    if 2 * config.radius_min_m > gap:
+        raise SimulationError(
+            f"configuration: radius_min_m {config.radius_min_m} makes even the smallest tool larger than the hand's "
+            f"span: the fingertips of {opened.path} open to {gap:.4f} m at most; choose at most {gap / 2:.4f}, or tell "
+            "a wider [closing] or [synergy]"
+        )
+    if 2 * config.radius_max_m > gap and config.radius_max_m > SimulationConfig().radius_max_m:
         raise SimulationError(
             f"configuration: radius_max_m {config.radius_max_m} makes tools larger than the hand's span: the "
             f"fingertips of {opened.path} open to {gap:.4f} m at most; choose at most {gap / 2:.4f}"

@@ -21,6 +21,8 @@ from aminn_hand.hand import Hand
 Array = NDArray[np.float64]
 TANGENT_M_N = 1e-9
 """Sticking contacts do not give way in their plane (the engine's last iterations see to that)."""
+TWIST_RAD_NM = 1e-3
+"""Nor do sticking soft fingers about their normal."""
 # MuJoCo's numbers of shapes.
 SPHERE, CAPSULE, ELLIPSOID, CYLINDER = 2, 3, 4, 5
 
@@ -85,10 +87,11 @@ def displacement(
     """Displacement (6) under a small load w_e (6), with the changes that the contact forces bring or without.
 
     q (J), centre (3) of the tool, contacts by branch. stiffness: K_b (C, C) of each branch, N.m/rad; default: all taut.
-    The unknowns are dx (6), dq (J) and the changes of the contact forces (3 each). Branches without a contact stay.
+    The unknowns are dx (6), dq (J), the changes of the contact forces (3 each) and of soft fingers' moments (1 each).
+    Branches without a contact stay.
     """
-    n_joint = len(q)
-    size = 6 + n_joint + 3 * len(contacts)
+    n_joint, soft = len(q), hand.contact.kind == "soft_finger"
+    size = 6 + n_joint + (4 if soft else 3) * len(contacts)
     system, right = np.zeros((size, size)), np.zeros(size)
     right[:6] = -w_e
     turn = slice(3, 6)  # of the tool
@@ -105,12 +108,18 @@ def displacement(
         system[dq, df] += B.T
         system[df, :6] += A
         system[df, dq] -= B
+        axes, anchors, _, _ = branch.pose(q[at])
+        if soft:  # and a moment about the normal, which does not let tip and tool turn against each other
+            moment = 6 + n_joint + 3 * len(contacts) + k
+            system[turn, moment] = system[moment, turn] = contact.normal
+            system[dq, moment] = axes @ contact.normal
+            system[moment, dq] = -axes @ contact.normal
+            system[moment, moment] = TWIST_RAD_NM
         if not preload:
             system[df, df] += contact.compliance_m_N * np.eye(3)
             continue
         # the contact gives way along its normal
         system[df, df] += contact.compliance_m_N * np.outer(contact.normal, contact.normal) + TANGENT_M_N * np.eye(3)
-        axes, anchors, _, _ = branch.pose(q[at])
         tangent = tangential(contact.normal)
         roll = np.linalg.pinv(tangent @ contact.curvature @ tangent, rcond=1e-9) @ skew(contact.normal)
         by_joints, by_tool = roll @ axes.T, -roll  # the point's way over the tool

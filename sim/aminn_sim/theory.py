@@ -22,13 +22,12 @@ from aminn_hand.hand import Hand, rotation
 from . import _core
 from .config import SimulationConfig
 from .errors import SimulationError
-from .statics import CAPSULE, CYLINDER, Contact, displacement, surface_curvature
+from .statics import CAPSULE, CYLINDER, TWIST_RAD_NM, Contact, displacement, surface_curvature
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
 ROTATION_ARM_M = 0.1  # a rotation of 1 rad counts as this many metres in a relative error
 OTHER_EPS_M = (1e-6, 2e-5)  # m/N, compliance of a contact, tried beside the hand's own
-STICKING_EPS_M = 1e-6  # m/N, of a sticking contact under a small load
 STICKING_RESIDUAL = 0.1  # closure residual below which every contact is taken to stick
 LYING = rotation(np.array([0.0, np.pi / 2, 0.0]))
 """Cylinders and capsules lie along the tool's x, in MuJoCo along their z."""
@@ -71,7 +70,7 @@ def predict(
     mechanics: TrueMechanics,
     j_x: Array,
     j_q: Array,
-    in_contact: Array,
+    contacts: Array,
     tension: Array,
     w_e: Array,
     eps_m: float | None = None,
@@ -79,12 +78,13 @@ def predict(
 ) -> tuple[Array, Array]:
     """Displacement of the tool (6) and turns of the joints (J) of one sample.
 
-    j_x (B,3,6), j_q (B,3,C), in_contact (B), tension (T) N before the load, w_e (6); eps_m m/N is the contacts' own
+    j_x (B,3,6), j_q (B,3,C), contacts (B,8), tension (T) N before the load, w_e (6); eps_m m/N is the contacts' own
     compliance, by default the hand's. A tendon that was taut and goes slack takes its former tension away, one that was
     slack starts at 0. Branches without a contact stay.
     """
     hand = mechanics.hand
     taut = (tension > 0) | mechanics.two_way
+    twist = 1 / TWIST_RAD_NM if hand.contact.kind == "soft_finger" else 0.0
     seen = []
     for _ in range(iterations):
         k_x, rhs = np.zeros((6, 6)), w_e.astype(float).copy()
@@ -96,8 +96,9 @@ def predict(
             compliance = np.linalg.inv(mechanics.joint_stiffness(b, taut))
             big_b = -j_q[b][:, -len(branch.coordinates) :]
             give = branch.eps_m if eps_m is None else eps_m
-            w_b = np.linalg.inv(big_b @ compliance @ big_b.T + give * np.eye(3)) * bool(in_contact[b])
+            w_b = np.linalg.inv(big_b @ compliance @ big_b.T + give * np.eye(3)) * bool(contacts[b, 0])
             k_x += j_x[b].T @ w_b @ j_x[b]
+            k_x[3:, 3:] += twist * np.outer(contacts[b, 4:7], contacts[b, 4:7])
             rhs += j_x[b].T @ w_b @ big_b @ compliance @ loose
             parts.append((compliance, big_b, w_b, loose))
         dx = np.linalg.solve(k_x, rhs) if len(parts) > 2 else np.linalg.lstsq(k_x, rhs, rcond=1e-12)[0]
@@ -127,7 +128,7 @@ def predict_samples(hand: Hand, samples: dict[str, Array], grasps: dict[str, Arr
     tension = grasps["tendon_tension_N"][row]
     return np.stack(
         [
-            predict(mechanics, jx, jq, c[:, 0], t, w)[0]
+            predict(mechanics, jx, jq, c, t, w)[0]
             for jx, jq, c, t, w in zip(
                 samples["j_x"], samples["j_q"], samples["contacts"], tension, samples["w_e"], strict=True
             )
@@ -181,11 +182,11 @@ class Grasp:
     def formula(self, w_e: Array, eps_m: float | None = None) -> tuple[Array, Array]:
         """Displacement (6) and turns of the joints (J)."""
         s = self.state
-        return predict(self.mechanics, s["j_x"], s["j_q"], s["contacts"][:, 0], s["tendon_tension_N"], w_e, eps_m)
+        return predict(self.mechanics, s["j_x"], s["j_q"], s["contacts"], s["tendon_tension_N"], w_e, eps_m)
 
     @cached_property
     def contacts(self) -> dict[int, Contact]:
-        """The settled contacts by branch; they give way by next to nothing."""
+        """The settled contacts by branch, which give way as the engine's do."""
         state, forces, out = self.state, self.session.contact_forces(), {}
         R = rotation(state["x_ht"][3:])
         kind, size, along = int(state["tool_geoms"][0][0]), state["tool_geoms"][0][1:4], state["tool_geoms"][0][4:7]
@@ -193,9 +194,9 @@ class Grasp:
         for b in np.flatnonzero(state["contacts"][:, 0]):
             point, normal = state["contacts"][b, 1:4], state["contacts"][b, 4:7]
             tool = surface_curvature(kind, size, state["x_ht"][:3] + R @ along, turned, point)
-            shape, extent, place, axes = self.session.fingertip_geom(int(b))
+            shape, extent, place, axes, give = self.session.fingertip(int(b))
             tip = surface_curvature(shape, extent, place, axes, point)
-            out[int(b)] = Contact(point, normal, forces[b], STICKING_EPS_M, tool + tip)
+            out[int(b)] = Contact(point, normal, forces[b], give, tool + tip)
         return out
 
     def with_preload(self, w_e: Array) -> Array:

@@ -165,6 +165,8 @@ ContactState GraspWorker::contacts(bool with_forces)
             continue; // of several contacts the strongest stands
         row.in_contact = true;
         row.geom = other;
+        const mjtNum *kbip = d->efc_KBIP + 4 * c.efc_address;
+        row.give_m_N = d->efc_R[c.efc_address] / (kbip[0] * kbip[2]);
         row.position = H.R.transpose() * (Vec3(c.pos[0], c.pos[1], c.pos[2]) - H.p);
         // MuJoCo's normal points from geom1 to geom2
         row.normal = H.R.transpose() * Vec3(c.frame[0], c.frame[1], c.frame[2]) * (tool_is_2 ? 1.0 : -1.0);

@@ -23,6 +23,7 @@ struct ContactState {
         double normal_force = 0;
         Vec3 force = Vec3::Zero(); // on the tool
         int geom = -1;             // of the fingertip
+        double give_m_N = 0;       // of the contact along its normal
     };
     std::array<Row, kMostBranches> branch;
     std::array<int, kMostBranches> count{}; // contacts of each fingertip with the tool

@@ -247,8 +247,9 @@ class Session {
             rows.row(b) = c.branch[static_cast<std::size_t>(b)].force.transpose();
         return out_array(rows);
     }
-    // The fingertip's geom under contact b: MuJoCo's type, size, position and rotation in H.
-    nb::tuple fingertip_geom(int b)
+    // What touches at contact b, as the engine has it: the fingertip geom's type, size, position and rotation in H, and
+    // the give of the contact along its normal (m/N).
+    nb::tuple fingertip(int b)
     {
         worker_.restore();
         const mjModel &m = worker_.model();
@@ -261,7 +262,7 @@ class Session {
         const Vec3 p = H.R.transpose() * (Eigen::Map<const Vec3>(d.geom_xpos + 3 * g) - H.p);
         const Mat3 R = H.R.transpose() * Eigen::Map<const RowMajor>(d.geom_xmat + 9 * g);
         return nb::make_tuple(m.geom_type[g], out_array(Eigen::Map<const Vec3>(m.geom_size + 3 * g)), out_array(p),
-                              out_array(R));
+                              out_array(R), contact(b).give_m_N);
     }
     // The settled state, and the tool as it stands in the model.
     nb::dict scene()
@@ -547,7 +548,7 @@ NB_MODULE(_core, m)
         .def("load", &Session::load, "w_e"_a, "recheck"_a = false)
         .def("next_case", &Session::next_case)
         .def("contact_forces", &Session::contact_forces)
-        .def("fingertip_geom", &Session::fingertip_geom, "branch"_a)
+        .def("fingertip", &Session::fingertip, "branch"_a)
         .def("scene", &Session::scene)
         .def("speed", &Session::speed, "cases"_a)
         .def("fingertip_point", &Session::fingertip_point, "branch"_a, "dq"_a)

@@ -50,7 +50,7 @@ def test_a_lost_tendon_would_show() -> None:
     rng = np.random.default_rng(0)
     j_x = rng.normal(size=(3, 3, 6)) * [1, 1, 1, 0.02, 0.02, 0.02]
     j_q = rng.normal(size=(3, 3, 3)) * 0.05
-    mechanics, contact, w = TrueMechanics.of(HAND), np.ones(3), np.array([0.01, 0, 0, 0, 0, 0])
+    mechanics, contact, w = TrueMechanics.of(HAND), np.ones((3, 8)), np.array([0.01, 0, 0, 0, 0, 0])
     taut, _ = predict(mechanics, j_x, j_q, contact, np.full(6, 10.0), w)
     slack, _ = predict(mechanics, j_x, j_q, contact, np.zeros(6), w)
     assert relative_error(slack, taut) > 0.2
