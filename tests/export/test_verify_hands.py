@@ -25,6 +25,8 @@ from aminn_export.files.tables import by_branch
 from aminn_export.judge.compare import compare_files
 from aminn_export.judge.verdict import compare_bits
 from aminn_export.judge.verify import verify
+from aminn_export.replay.runtime_place import find_runtime
+from aminn_export.replay.targets import RUNTIME
 from aminn_export.samples.golden import run_onnx, single_thread_session
 from aminn_export.samples.reference import Reference
 from aminn_export.samples.vectors import Results, write_results, write_vectors
@@ -56,7 +58,8 @@ def test_the_runtime_repeats_onnx(name: str, build_dir: Path, tmp_path: Path, tr
     assert 0 < report["host_bin_dx_relative_median"] < 2e-6 and report["host_bin_refused"] == 0
     assert [report[f"{target}_different_words"] for target in ("host_c", *targets)] == [0] * (1 + len(targets))
     trust[f"hands_{name}_dx_share_of_limit_max"] = report["host_bin_dx_share_of_limit_max"]
-    assert (build_dir / "hands").is_dir()
+    own = find_runtime(build_dir)  # is still what it was
+    assert own.hand == RUNTIME / "include" / "aminn_hand.h" and build_dir in own.replay.parents
 
 
 def test_a_checkpoint_becomes_the_files_of_its_hand(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aminn.data.dataset import SPLITS, Dataset, split_of
+from aminn.evaluation.metrics import holds
 from aminn_base.errors import AminnError
 from aminn_hand.hand import N_WRENCH, Dims
 
@@ -99,7 +100,7 @@ def informative_state(exported: Exported, dataset: Dataset) -> list[float]:
     layout = layout_of(exported)
     outputs, _, status = _run(layout, states)
     numbers = outputs.view(np.float32).astype(np.float64)
-    score = (numbers[:, 0] >= float(exported.meta["tau"])).astype(np.float64)
+    score = holds(numbers[:, 0], exported.meta["tau"]).astype(np.float64)
     gates = numbers[:, _GATE_AT : _GATE_AT + layout.dims.branches].T if layout.dims.gates else ()
     score += np.prod([share * (1 - share) for share in (numbers[:, 0], *gates)], 0)
     score[status != 0] = -1

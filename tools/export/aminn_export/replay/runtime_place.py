@@ -69,11 +69,12 @@ def runtime_source(build_dir: Path) -> Path:
 
 
 def _built_for(source: Path, folder: Path, hand: Path) -> Path:
-    """A build folder of the runtime for another hand, below the build folder of this one; built, or brought up to date.
+    """A build folder of the runtime for another hand, beside that of this one; built, or brought up to date.
 
     Raises AminnError with what the compiler said, InUseError while another process builds there.
     """
-    own = folder / "hands" / build_name(hand)
+    folder = folder.resolve()
+    own = folder.with_name(f"{folder.name}-hands") / build_name(hand)  # not inside, where its files would be found
     cache = _cmake_cache(folder)
     options = [f"-D{key}={cache[key]}" for key in _KEPT if cache.get(key)]
     options += ["-G", cache["CMAKE_GENERATOR"]] if "CMAKE_GENERATOR" in cache else []
@@ -92,7 +93,7 @@ def find_runtime(folder: Path, hand: Path | None = None) -> RuntimePlace:
     """The runtime in a build folder, or below the prefix that it was installed with.
 
     It is compiled for the hand of the header `hand`, where one is given: from a build folder it is built for that, once
-    for each, in a folder below it; what is installed has to be for that hand.
+    for each, in a folder beside it; what is installed has to be for that hand.
     Raises AminnError that says what was looked for.
     """
     if (folder / "CMakeCache.txt").is_file():
