@@ -34,14 +34,14 @@ CONE_SHARE = 0.6
 """Of the friction cone that the contacts' forces may use before a load."""
 BASE_TENSION_N = 5.0
 """Of cables, so that none slackens under a small load."""
+LEVER_M = 0.03
+"""Of a joint about which a tool moves, for damping."""
 SETTLE_STEPS, MOST_SETTLES = 100, 20
-DRIFT_M_S = 1e-5
+DRIFT_M_S = 2e-6
 LOAD_N, LOADS = 0.05, 12
 LOAD_SHARE = 0.1
 """A load has LOAD_N or this share of the pinch force, whichever is less."""
 MOST_HOLDING = 3
-RELAXATION_S = 0.01
-"""Damping over stiffness of every joint: a load is over within a few of these, however the model is damped."""
 NEAR_M = 0.05
 
 
@@ -89,7 +89,7 @@ def _scene(understood: Understood, radius_m: float, friction: float) -> tuple[st
     """The hand with a ball, the palm standing still, without gravity: the text, and what the ball is called."""
     root = copy.deepcopy(understood.root)
     set_options(root, gravity="0 0 0")
-    _damp(root, understood.hand)
+    _damp(root, understood.hand, understood.assets)
     ball = f"{understood.parts.prefix}ball"
     body = ET.SubElement(mjcf_tree.section(root, "worldbody"), "body", name=ball, pos="0 0 0")
     ET.SubElement(body, "freejoint", name=ball)
@@ -101,12 +101,15 @@ def _scene(understood: Understood, radius_m: float, friction: float) -> tuple[st
     return mjcf_tree.text_of(root), ball
 
 
-def _damp(root: ET.Element, hand: Hand) -> None:
-    """Make every joint come to rest alike. Where it does so does not depend on damping, when it does so does."""
+def _damp(root: ET.Element, hand: Hand, assets: dict[str, bytes]) -> None:
+    """Damp every joint critically. Where it comes to rest does not depend on damping, when it does so does."""
+    engine = _core.Engine(mjcf_tree.text_of(root), assets)
+    numbers, inertia = engine.names("joint"), engine.model("dof_M0")[engine.model("jnt_dofadr")]
     joints = {e.get("name"): e for body in root.iter("body") for e in body if e.tag == "joint"}
     for branch in hand.branches:
         for coordinate, stiffness in zip(branch.coordinates, np.diag(branch.stiffness()), strict=True):
-            joints[coordinate.joint].set("damping", repr(float(RELAXATION_S * stiffness)))
+            moved = inertia[numbers.index(coordinate.joint)] + TOOL_MASS_KG * LEVER_M**2
+            joints[coordinate.joint].set("damping", repr(2 * float(np.sqrt(stiffness * moved))))
     for element in root.iter():
         bias = element.get("biasprm", "").split()
         if len(bias) > 2:
@@ -200,6 +203,14 @@ class _Bench:
             other = [g for g in c["geoms"] if g != self.tool_geom]
             if len(other) == 1 and self.branch_of[other[0]] < 0 and c["distance_m"] < 0:
                 return self.names["body"][int(e.model("geom_bodyid")[other[0]])]
+        return ""
+
+    def own_contact(self) -> str:
+        """Two bodies of the hand that touch each other, or ""."""
+        bodies = self.engine.model("geom_bodyid")
+        for c in self.engine.contacts():
+            if self.tool_geom not in c["geoms"]:
+                return " touches ".join(self.names["body"][int(bodies[g])] for g in c["geoms"])
         return ""
 
     def near(self) -> list[tuple[int, float, Array, Array]]:
@@ -335,7 +346,7 @@ def _contacts(bench: _Bench, chosen: tuple[int, ...]) -> dict[int, Contact] | No
     for c in e.contacts():
         first, second = c["geoms"]
         if bench.tool_geom not in (first, second):
-            continue
+            return None
         other = second if first == bench.tool_geom else first
         b = bench.branch_of[other]
         if b not in chosen or b in out:
@@ -406,6 +417,8 @@ def _grasp(
     bench.pose(found, centre)
     if part := bench.other_part():
         return f"the ball touches {part}"
+    if pair := bench.own_contact():
+        return pair
     nearest = {b: c for b, c in enumerate(bench.closest()) if b in chosen and c is not None}
     forces = _balance(list(nearest.values()), centre, pinch_N)
     if forces is None:

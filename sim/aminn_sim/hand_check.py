@@ -55,7 +55,9 @@ class Check:
         if formula > FORMULA_LIMIT:
             return (
                 f"the springs are too soft for {self.pinch_N:g} N a contact: without the contact forces the statics "
-                f"are {formula:.1%} off (at most {FORMULA_LIMIT:.0%}); use a smaller --pinch, or stiffer servos"
+                f"are {formula:.1%} off (at most {FORMULA_LIMIT:.0%}); use a smaller --pinch, or stiffer servos; "
+                "where that changes nothing, it is the contacts that give way, which the formula counts along the "
+                "surface too"
             )
         return ""
 
