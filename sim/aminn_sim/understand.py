@@ -312,9 +312,10 @@ class _Reader:
         above = [model.joints[j] for b in model.ancestors(palm) for j in model.joints_of(b)]
         mjcf_tree.remove_joints(root, set(above))
         self._remove_others(root, model, palm)
+        name = model.bodies[palm]
         model = _Model(root, assets, source, self.path)
         _part_neighbours(root, model)
-        palm = model.body(model.bodies[palm], "palm") if file.palm is None else model.body(file.palm, "palm")
+        palm = model.body(name, "palm")  # bodies before it may be gone
         chains = _chains(model, palm, self.path, set())
         joints = [[j for b in chain for j in model.joints_of(b)] for chain in chains]
         if _add_servos(file, root, model, [j for js in joints for j in js]):
@@ -324,7 +325,7 @@ class _Reader:
         postures = self._postures(file, hand)
         self._refuse_straighteners(hand, postures[1] - postures[0])
         hand = self._pinch(file, replace(hand, contact=self._contact(file, hand)), postures, reach)
-        prefix, name = own_prefix(root), model.bodies[palm]
+        prefix = own_prefix(root)
         scene = compose(root, name, prefix)
         half = hand.coupled(0.5 * (postures[0] + postures[1]))
         forward = pinch_frame(hand, half, np.array(hand.tool_axis))[1][:, 1]

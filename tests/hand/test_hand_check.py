@@ -73,6 +73,12 @@ def test_other_shapes_are_understood_and_accepted(name: str, tmp_path: Path) -> 
     _right_value(name, understood)
 
 
+def test_what_stands_in_the_file_before_the_hand_is_left_out(tmp_path: Path) -> None:
+    table = '<worldbody><body name="table" pos="0 0 -1"><geom size="0.1"/></body>'
+    found = understand(write(tmp_path, replaced(("<worldbody>", table)))).hand
+    assert found.joints == understand(default_hand_file()).hand.joints
+
+
 def _right_value(name: str, understood: Understood) -> None:
     """What a variant changes stands in the description."""
     finger = understood.hand.branches[0]
