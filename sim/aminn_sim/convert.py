@@ -157,10 +157,9 @@ def _with_model(file: Path, name: str) -> str:
     text = read_text(file)
     table = re.search(r"(?m)^\s*\[", text)  # a table may have a field of the same name
     end = table.start() if table else len(text)
-    line = r"(?m)^([ \t]*)(?:model|scene)[ \t]*=[ \t]*(?:\"[^\"\n]*\"|'[^'\n]*')"
+    line = r"(?m)^([ \t]*)model[ \t]*=[ \t]*(?:\"[^\"\n]*\"|'[^'\n]*')"
     new = re.sub(line, lambda match: f"{match[1]}model = {_toml_text(name)}", text[:end], count=1) + text[end:]
     before, after = tomllib.loads(text), tomllib.loads(new)
-    before.pop("scene", None)
     if after != before | {"model": name}:
         raise AminnError(f'{file}: write model = "..." on a line of its own, above the tables')
     return new

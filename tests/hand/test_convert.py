@@ -190,7 +190,7 @@ def test_lost_actuator_is_not_missed_where_the_hand_file_tells_the_stiffness(
 
 SHEETS = {
     'name = "new"\n  model = "hand.xml" # mine\n[contact]\nmodel = "soft_finger"\n': True,
-    "scene = 'hand.xml'\nname = \"new\"": True,
+    "model = 'hand.xml'\nname = \"new\"": True,
     'name = "new"\n"model" = "hand.xml"\n[contact]\nmodel = "soft_finger"\n': False,
 }
 
@@ -210,7 +210,7 @@ def test_only_the_model_of_a_hand_file_changes(sheet: str, taken: bool, tmp_path
     new = convert_to(file, tmp_path / "new")
     before, after = tomllib.loads(file.read_text()), tomllib.loads(new.read_text())
     assert after.pop("model") == "hand.xml"
-    assert after == {key: value for key, value in before.items() if key not in ("model", "scene")}
+    assert after == {key: value for key, value in before.items() if key != "model"}
 
 
 def test_what_does_not_matter_is_said(tmp_path: Path) -> None:
