@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from aminn.hand.nominal import nominal_of
 from aminn_export.files.ranges import state_ranges
 from aminn_export.files.tables import HAND, STAGES, dims_of
 from aminn_export.samples.reference import Reference
@@ -19,6 +20,7 @@ SHIPPED = default_hand_file().parent / "hands"
 WIDTHS = (16, 24, 12)
 """Of contact summary, trunk and classifier."""
 SOFT = ContactModel("soft_finger", 0.003)
+POINTS = ContactModel("point", 0.0)
 WRENCH_LOG_SCALE = (0.1, 0.1, 0.1, 0.005, 0.005, 0.005)
 
 
@@ -60,13 +62,13 @@ def shipped(name: str) -> Hand:
 
 
 HANDS = {
-    "gripper": lambda: shipped("gripper"),  # 2 x 2, gates
+    "gripper": lambda: shipped("gripper"),  # 2 x 2, gates, soft fingertips
     "allegro_like": lambda: shipped("allegro_like"),  # 4 x 4, no tendons
     "barrett_like": lambda: shipped("barrett_like"),  # 3, 3, 2, no tendons
     "aero_like": lambda: shipped("aero_like"),  # 3, 3, 3, 3, 4
     "five_by_five": lambda: made_up((5,) * 5, (1,) * 5, "five_by_five"),
     "two_by_one": lambda: made_up((1, 1), (0, 0), "two_by_one"),
-    "soft_gripper": lambda: replace(shipped("gripper"), name="soft_gripper", contact=SOFT),
+    "point_gripper": lambda: replace(shipped("gripper"), name="point_gripper", contact=POINTS),
     "soft_three": lambda: replace(made_up((3, 1, 2), (0, 0, 0), "soft_three"), contact=SOFT),
     "one_cable": lambda: made_up((2, 4, 1), (0, 2, 0), "one_cable"),  # one branch of three has a gate
 }
@@ -100,7 +102,7 @@ def _nominal(hand: Hand) -> dict[str, NDArray]:
         "geom_anchor": anchor,
     }
     tendons = {"tendon_dir_nom": direction, "tendon_gain_nom": gain, "gate_nom": np.array([20.0, 0.05, 2.0])}
-    soft = {"twist_nom": np.full(b, 1e-3)} if hand.contact.kind == "soft_finger" else {}
+    soft = {"twist_nom": nominal_of(hand).twist} if hand.contact.kind == "soft_finger" else {}
     return tables | (tendons if dims.gates else {}) | soft
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,7 @@ from aminn_export.export import write_model_files
 from aminn_export.files import compiled
 from aminn_export.files.bin_model import bin_model_bytes, read_bin_model
 from aminn_export.files.compiled import runtime_for
-from aminn_export.files.hand_header import HAND_HEADER, header_beside, name_in
+from aminn_export.files.hand_header import HAND_HEADER, header_beside, name_in, same_build
 from aminn_export.files.tables import branch_joints, dims_of
 from aminn_export.judge.identity import misfits
 from aminn_export.replay.runtime_place import find_in
@@ -24,7 +25,7 @@ RUNTIME = Path(__file__).resolve().parents[2] / "runtime"
 
 @pytest.fixture(scope="module", params=["gripper", "allegro_like"])
 def other_dir(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Model files of a hand with gates and of one without."""
+    """Model files of a hand with gates and soft fingertips, and of one without either."""
     folder = tmp_path_factory.mktemp(request.param)
     write_model_files(random_model(HANDS[request.param]()), folder, "aminn_model")
     return folder
@@ -34,6 +35,14 @@ def other_dir(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
 def gripper_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("gripper")
     write_model_files(random_model(HANDS["gripper"]()), folder, "aminn_model")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def point_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The gripper's, but for fingertips that are points."""
+    folder = tmp_path_factory.mktemp("points")
+    write_model_files(random_model(HANDS["point_gripper"]()), folder, "aminn_model")
     return folder
 
 
@@ -51,7 +60,7 @@ def test_a_model_of_another_hand_has_all_files(other_dir: Path) -> None:
     header = header_beside(other_dir)
     assert header is not None and name_in(header) in other_dir.name
     hand = HANDS[name_in(header)]()
-    assert dims == hand.dims.__class__(**vars(hand.dims) | {"tendons": dims.gates})
+    assert dims == replace(hand.dims, tendons=dims.gates, twist=hand.contact.kind == "soft_finger")
     assert branch_joints(model.tensors) == [list(row) for row in hand.coordinate_joints]
     assert all(f'"{joint}"' in header.read_text() for joint in hand.joints)
     assert not misfits(other_dir, "aminn_model", model)
@@ -108,4 +117,16 @@ def test_a_program_with_the_wrong_hand_does_not_compile_or_link(gripper_dir: Pat
     command += [str(gripper_dir / "model.o"), str(find_in(build_dir, "libaminn_rt.a")), "-lm", "-o", "/dev/null"]
     linked = subprocess.run(command, capture_output=True, text=True)
     assert linked.returncode
-    assert "aminn_library_of_2_branches_2_coordinates_4_joints_2_gated_0_twisted" in linked.stderr
+    assert "aminn_library_of_2_branches_2_coordinates_4_joints_2_gated_2_twisted" in linked.stderr
+
+
+def test_soft_fingertips_are_told_from_points(gripper_dir: Path, point_dir: Path) -> None:
+    """By the library, by the C model's header and by the files of a folder, in both directions."""
+    for folder, other in ((gripper_dir, point_dir), (point_dir, gripper_dir)):
+        model, blob = read_bin_model(folder / "aminn_model.bin"), (folder / "aminn_model.bin").read_bytes()
+        assert runtime_for(dims_of(model.tensors)).self_test(blob) == 0
+        library = runtime_for(dims_of(read_bin_model(other / "aminn_model.bin").tensors))
+        assert _runtime.status_name(library.self_test(blob)) == "AMINN_E_DIMS"
+        wrong = compiled_model(folder, "aminn_model", f'-DAMINN_HAND_HEADER="{other / HAND_HEADER}"')
+        assert wrong.returncode and "this model is for another hand" in wrong.stderr
+        assert not same_build(folder / HAND_HEADER, other / HAND_HEADER)

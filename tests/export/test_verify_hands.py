@@ -12,10 +12,11 @@ from click.testing import CliRunner
 from hands import HANDS, made_up, random_model, random_states
 from runtime_models import random_inputs
 
+from aminn.hand.nominal import nominal_of
 from aminn.model.checkpoint import load_checkpoint, save_checkpoint
 from aminn.model.config import ModelConfig
 from aminn.model.export_tables import export_tables
-from aminn.model.network import TWIST_NOMINAL, Aminn
+from aminn.model.network import Aminn
 from aminn_app.cli import main
 from aminn_base.errors import AminnError
 from aminn_export.export import export, write_model_files
@@ -48,7 +49,7 @@ def exported(hand: Hand, folder: Path) -> tuple[Path, Path]:
     return files, vectors
 
 
-@pytest.mark.parametrize("name", HANDS if EVERY else ["soft_gripper"])
+@pytest.mark.parametrize("name", HANDS if EVERY else ["gripper"])
 def test_the_runtime_repeats_onnx(name: str, build_dir: Path, tmp_path: Path, trust: dict) -> None:
     """On the host from both forms of the model, and on the emulated Cortex-M7: within limits, the same bits."""
     files, vectors = exported(HANDS[name](), tmp_path)
@@ -64,15 +65,15 @@ def test_the_runtime_repeats_onnx(name: str, build_dir: Path, tmp_path: Path, tr
 
 def test_a_checkpoint_becomes_the_files_of_its_hand(tmp_path: Path) -> None:
     """Untrained: nominal springs, tendons and contacts of the hand are in all of them."""
-    hand = HANDS["soft_gripper"]()
+    hand = HANDS["gripper"]()
     save_checkpoint(tmp_path / "run", Aminn(ModelConfig(), hand), {"tau": 0.5, "data": {"hand": hand.name}})
     export(tmp_path / "run", tmp_path / "export")
     model = read_bin_model(tmp_path / "export" / "aminn_model.bin")
     metadata = read_metadata(tmp_path / "export" / ONNX_FILE)
     assert Hand.from_dict(metadata["hand"]) == hand
-    assert "soft_gripper" in (tmp_path / "export" / "aminn_hand.h").read_text()
-    assert model.meta["hand"].startswith("soft_gripper ")
-    np.testing.assert_array_equal(model.tensors["twist_nom"], np.float32(TWIST_NOMINAL))
+    assert "gripper" in (tmp_path / "export" / "aminn_hand.h").read_text()
+    assert model.meta["hand"].startswith("gripper ")
+    np.testing.assert_array_equal(model.tensors["twist_nom"], nominal_of(hand).twist.astype(np.float32))
     np.testing.assert_allclose(by_branch(metadata["eps_m"], 2), [[b.eps_m for b in hand.branches]] * 2)
     found, wanted = Reference(model), Reference(export_tables(load_checkpoint(tmp_path / "run")))
     x = random_states(hand, 20)
