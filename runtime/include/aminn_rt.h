@@ -13,7 +13,7 @@
  *   SI everywhere: m, rad, N, N.m. Poses are a position (m) and a rotation vector (rad): the axis times the angle, not a
  *   quaternion's vector part. Matrices are row-major C arrays: a[row][column]. All numbers are float (IEEE binary32).
  *
- * FRAMES, SIGNS, TIMES (of the reference hand; docs/runtime.md has what misreadings cost, and how to find them)
+ * FRAMES, SIGNS, TIMES (drawn: the reference hand; docs/runtime.md has what misreadings cost, and how to find them)
  *
  *   from finger 1's side, along -x                onto the palm, along -z
  *                                                     roll                 roll
@@ -48,10 +48,16 @@
  *   times      q, x_ht and contacts are those at rest before w_e acts; w_e is the load to come. dx_ht is from there to rest
  *              under w_e: displacement of T's origin, then the rotation vector of R_after R_before^T, in axes of H.
  *
- * ORDERS
- *   branches:            0 finger 1, 1 finger 2, 2 thumb
- *   branch coordinates:  0 roll, 1 proximal, 2 distal (the thumb has no roll: its first coordinate is unused)
- *   joints (q):          finger 1 roll, proximal, distal; finger 2 roll, proximal, distal; thumb proximal, distal
+ * ORDERS (of the reference hand in brackets)
+ *   branches:            as the hand's description has them [0 finger 1, 1 finger 2, 2 thumb]
+ *   branch coordinates:  from the palm outwards; a branch that has fewer than the longest lacks the first ones, and their
+ *                        numbers are unused [0 roll, 1 proximal, 2 distal; the thumb has no roll]
+ *   joints (q):          branch by branch, from the palm outwards; aminn_field_name() has their names [finger 1 roll, proximal,
+ *                        distal; finger 2 roll, proximal, distal; thumb proximal, distal]
+ *
+ * OTHER HANDS
+ *   Library and users are compiled for one hand: its counts stand in aminn_hand.h, which `aminn export` writes beside the model
+ *   (cmake -DAMINN_HAND=, docs/runtime.md). Frames, signs and times are as above, but for what says finger or thumb.
  *
  * MEMORY AND LIFETIME
  *   - The library allocates nothing and keeps no state of its own: no heap, no globals that change, no files, no locks.

@@ -33,7 +33,7 @@ using Map = Eigen::Map<typename std::conditional<std::is_const<T>::value, const 
 
 /* ---- inputs: State is aminn_state_t or aminn_input_t ---- */
 
-// joint angles, rad (8)
+// joint angles, rad (J)
 template <class State>
 Map<State, AMINN_N_JOINT, 1> joints(State &state)
 {
@@ -68,7 +68,7 @@ Map<State, 3, 1> moment(State &state)
     return Map<State, 3, 1>(state.w_e + 3);
 }
 
-// contact rows (3 x 8)
+// contact rows (B x 8)
 template <class State>
 Map<State, AMINN_N_BRANCH, AMINN_N_CONTACT_FEATURE> contacts(State &state)
 {
@@ -82,7 +82,7 @@ Map<Input, 3, AMINN_N_WRENCH> tool_jacobian(Input &input, int branch)
     return Map<Input, 3, AMINN_N_WRENCH>(&input.j_x[branch][0][0]);
 }
 
-// closure Jacobian on the joint side of one branch (3 x 3), m/rad
+// closure Jacobian on the joint side of one branch (3 x C), m/rad
 template <class Input>
 Map<Input, 3, AMINN_N_COORD> joint_jacobian(Input &input, int branch)
 {
@@ -119,7 +119,7 @@ Map<Output, AMINN_N_WRENCH, AMINN_N_WRENCH> stiffness(Output &out)
     return Map<Output, AMINN_N_WRENCH, AMINN_N_WRENCH>(&out.k_x[0][0]);
 }
 
-// engagement of the tendons (3)
+// engagement of the tendons (B)
 template <class Output>
 Map<Output, AMINN_N_BRANCH, 1> gates(Output &out)
 {
