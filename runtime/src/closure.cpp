@@ -42,17 +42,18 @@ void joint_side(const aminn_model_t &model, int b, int first, const float *q, co
     constexpr int kLast = AMINN_N_COORD - 1;
     const float *axis = model.geom_axis + 3 * AMINN_N_COORD * b;
     const float *anchor = model.geom_anchor + 3 * AMINN_N_COORD * b;
-    float chain[AMINN_N_COORD][kVectors][3];
+    float chain[kVectors * AMINN_N_COORD][3]; // axis and link of each coordinate
     for (int c = kLast; c >= first; --c) {
-        std::memcpy(chain[c][kAxis], axis + 3 * c, sizeof chain[c][kAxis]);
-        std::memcpy(chain[c][kLink], anchor + 3 * c, sizeof chain[c][kLink]);
+        float (*const own)[3] = chain + kVectors * c;
+        std::memcpy(own[kAxis], axis + 3 * c, sizeof own[kAxis]);
+        std::memcpy(own[kLink], anchor + 3 * c, sizeof own[kLink]);
         if (c > first) {
-            subtract(chain[c][kLink], anchor + 3 * c - 3, chain[c][kLink]);
+            subtract(own[kLink], anchor + 3 * c - 3, own[kLink]);
         }
         if (c < kLast) { // the last coordinate turns nothing that counts
             const SineCosine angle = sine_cosine(q[c - first]);
-            for (float (*v)[3] = chain[c + 1]; v != chain[AMINN_N_COORD]; ++v) {
-                turn(chain[c][kAxis], angle, *v);
+            for (int k = kVectors * (c + 1); k < kVectors * AMINN_N_COORD; ++k) {
+                turn(own[kAxis], angle, chain[k]);
             }
         }
     }
@@ -60,8 +61,8 @@ void joint_side(const aminn_model_t &model, int b, int first, const float *q, co
     std::memcpy(arm, contact, sizeof arm);
     for (int c = first; c <= kLast; ++c) {
         float velocity[3];
-        subtract(arm, chain[c][kLink], arm);
-        cross(chain[c][kAxis], arm, velocity);
+        subtract(arm, chain[kVectors * c + kLink], arm);
+        cross(chain[kVectors * c + kAxis], arm, velocity);
         for (int i = 0; i < 3; ++i) {
             j_q[i][c] = -velocity[i];
         }
