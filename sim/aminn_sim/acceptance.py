@@ -43,6 +43,8 @@ LOAD_SHARE = 0.1
 """A load has LOAD_N or this share of the pinch force, whichever is less."""
 MOST_HOLDING = 3
 NEAR_M = 0.05
+NEAR_CONTACTS_A_JOINT = 50
+"""All that is so near to the ball is listed."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,7 @@ class Acceptance:
 def _scene(understood: Understood, radius_m: float, friction: float) -> tuple[str, str]:
     """The hand with a ball, the palm standing still, without gravity: the text, and what the ball is called."""
     root = copy.deepcopy(understood.root)
-    set_options(root, gravity="0 0 0")
+    set_options(root, gravity="0 0 0", contacts_a_joint=NEAR_CONTACTS_A_JOINT)
     _damp(root, understood.hand, understood.assets)
     ball = f"{understood.parts.prefix}ball"
     body = ET.SubElement(mjcf_tree.section(root, "worldbody"), "body", name=ball, pos="0 0 0")

@@ -24,7 +24,8 @@ BASE = {"slide": ("x", "y", "z"), "hinge": ("rx", "ry", "rz")}
 BASE_STIFFNESS = {"slide": "200000", "hinge": "2000"}
 """N/m and N.m/rad: the palm stands still."""
 BASE_DAMPING = {"slide": "900", "hinge": "12"}
-ROW_MEMORY = {"njmax": "1000", "nconmax": "200"}
+CONTACTS_A_JOINT, ROWS_A_CONTACT = 5, 5
+"""Room that the engine keeps, and clears with every load case: a hand of many joints touches at more places."""
 
 
 @dataclass(frozen=True)
@@ -49,8 +50,8 @@ def own_prefix(root: ET.Element) -> str:
     return prefix
 
 
-def set_options(root: ET.Element, gravity: str = "0 0 -9.81") -> None:
-    """Solver options of the simulation instead of the model's own."""
+def set_options(root: ET.Element, gravity: str = "0 0 -9.81", contacts_a_joint: int = CONTACTS_A_JOINT) -> None:
+    """Solver options of the simulation instead of the model's own, and room for so many contacts."""
     for tag in ("option", "size", "visual", "statistic", "sensor", "keyframe"):
         for element in root.findall(tag):
             root.remove(element)
@@ -65,7 +66,9 @@ def set_options(root: ET.Element, gravity: str = "0 0 -9.81") -> None:
         ("gravity", gravity),
     ):
         option.set(key, value)
-    ET.SubElement(root, "size", ROW_MEMORY)
+    joints = sum(e.tag == "joint" for body in root.iter("body") for e in body)
+    contacts = contacts_a_joint * joints
+    ET.SubElement(root, "size", nconmax=str(contacts), njmax=str(ROWS_A_CONTACT * contacts))
 
 
 def tool_geom(body: ET.Element, name: str, radius: str, friction: str, mass: str) -> ET.Element:
