@@ -491,7 +491,8 @@ class _Found:
 
 def _load(bench: _Bench, rng: np.random.Generator, contacts: dict[int, Contact], pinch_N: float, found: _Found) -> None:
     """Load a settled grasp `LOADS` times, each time from the same state."""
-    hand, q = bench.hand, bench.q()
+    points = replace(bench.hand.contact, kind="point")  # as which the ball is held, however soft the fingertips are
+    hand, q = replace(bench.hand, contact=points), bench.q()
     centre, R = bench.tool_pose()
     for b, c in contacts.items():
         found.eps_m[b].append(c.compliance_m_N)

@@ -73,6 +73,13 @@ def test_other_shapes_are_understood_and_accepted(name: str, tmp_path: Path) -> 
     _right_value(name, understood)
 
 
+def test_soft_fingers_are_judged_by_point_contacts() -> None:
+    """The ball of the acceptance test is held by points; the gripper's fingertips resist a twist in the simulation."""
+    gripper = understand(default_hand_file().parent / "hands" / "gripper.toml")
+    assert gripper.hand.contact.kind == "soft_finger"
+    assert Check(gripper, accept(gripper, grasps=2), 0.5).medians[0] < PRELOADED_LIMIT
+
+
 def test_what_stands_in_the_file_before_the_hand_is_left_out(tmp_path: Path) -> None:
     table = '<worldbody><body name="table" pos="0 0 -1"><geom size="0.1"/></body>'
     found = understand(write(tmp_path, replaced(("<worldbody>", table)))).hand
