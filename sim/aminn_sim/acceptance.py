@@ -109,9 +109,12 @@ def _damp(root: ET.Element, hand: Hand, assets: dict[str, bytes]) -> None:
     numbers, inertia = engine.names("joint"), engine.model("dof_M0")[engine.model("jnt_dofadr")]
     joints = {e.get("name"): e for body in root.iter("body") for e in body if e.tag == "joint"}
     for branch in hand.branches:
-        for coordinate, stiffness in zip(branch.coordinates, np.diag(branch.stiffness()), strict=True):
+        softest = np.linalg.eigvalsh(branch.stiffness())[
+            0
+        ]  # a coupled joint's own way may creep where others are stiff
+        for coordinate in branch.coordinates:
             moved = inertia[numbers.index(coordinate.joint)] + TOOL_MASS_KG * LEVER_M**2
-            joints[coordinate.joint].set("damping", repr(2 * float(np.sqrt(stiffness * moved))))
+            joints[coordinate.joint].set("damping", repr(2 * float(np.sqrt(softest * moved))))
     for element in root.iter():
         bias = element.get("biasprm", "").split()
         if len(bias) > 2:
