@@ -72,14 +72,17 @@ def sizes(exported: Path, work: Path) -> dict[str, Any]:
 
 
 def one_hand(file: Path, build: Path, pinch_N: float, grasps: int, cases: int, watch: Stopwatch) -> dict[str, Any]:
-    """All figures of one hand; "missed" says which aims it does not meet."""
+    """All figures of one hand; "missed" says which aims it does not meet. One that is not accepted goes no further."""
     from aminn_sim.hand_check import check
 
     folder = build / "hands" / file.stem
     described = watch.run("check", f"{file.stem}: hold the description against the engine",
                           lambda: check(file, pinch_N, echo=click.echo))  # fmt: skip
     figures: dict[str, Any] = {k: v for k, v in described.figures().items() if k != "hand"}
-    missed = [described.problem] if described.problem else []
+    if described.problem:
+        click.echo(f"{file.stem} goes no further: {described.problem}")
+        return figures | {"missed": described.problem}
+    missed = []
     done = whole_path(folder, grasps, cases, build / "host", watch, file)
     click.echo("\n".join(["", format_table(done.result), *done.lines]))
     figures |= done.figures() | watch.seconds | {"closure_relative_error": closure_error(done.dataset)}
