@@ -11,6 +11,7 @@ import jinja2
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from aminn_base.files import write_atomically
 from aminn_base.read import AnyPath, read_json
@@ -19,6 +20,7 @@ from .quality import noise_figures
 from .read import Array, SimulatedData, read_data
 from .schema import Field, groups_of
 
+Mask = NDArray[np.bool_]
 BLUE = "#2563a8"
 BINS = 40
 WIDE = 18.0  # 99th percentile over median from which sizes get a logarithmic axis
@@ -125,12 +127,12 @@ def _yield(data: SimulatedData) -> dict:
     return _section("Yield", text, figure)
 
 
-def _kinds(w_e: Array) -> dict[str, Array]:
+def _kinds(w_e: Array) -> dict[str, Mask]:
     force, moment = np.linalg.norm(w_e[:, :3], axis=1) > 0, np.linalg.norm(w_e[:, 3:], axis=1) > 0
     return {"force only": force & ~moment, "moment only": ~force & moment, "both": force & moment}
 
 
-def _share_by_size(axes: Axes, size: Array, stable: Array, kinds: dict[str, Array], unit: str) -> None:
+def _share_by_size(axes: Axes, size: Array, stable: Mask, kinds: dict[str, Mask], unit: str) -> None:
     for (name, mine), style in zip(kinds.items(), ("-", "--"), strict=True):
         used = mine & (size > 0)
         if used.sum() < 2:
@@ -204,7 +206,7 @@ def _histogram(axes: Axes, values: Array) -> str:
         axes.locator_params(axis="x", nbins=4)
         return ""
     axes.set_xscale("log")
-    axes.hist(size, np.geomspace(size.min(), size.max(), BINS), color=BLUE)
+    axes.hist(size, np.geomspace(size.min(), size.max(), BINS).tolist(), color=BLUE)
     notes = ["size"] if values.min() < 0 else []
     notes += [f"{_percent(1 - len(size) / len(values))} are 0"] if len(size) < len(values) else []
     return ", ".join(notes)

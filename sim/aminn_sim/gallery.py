@@ -15,6 +15,7 @@ from ctypes.util import find_library
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import jinja2
 import numpy as np
@@ -207,7 +208,7 @@ class Screen:
         layers = [(hand, 1.0, 0.0), (before, GHOST_SHARE, 0.0), (tool, TOOL_SHARE, 0.0), (arrows, 1.0, HIDDEN_SHARE)]
         _write_png(file, self._picture(model, layers))
 
-    def _scene(self, model: object, data: object) -> object:
+    def _scene(self, model: Any, data: Any) -> Any:
         scene, camera = self.mujoco.MjvScene(model, 200), self.mujoco.MjvCamera()
         camera.lookat[:], camera.distance, camera.azimuth, camera.elevation = LOOK_AT_M, 0.29, 152, -14
         scene.flags[self.mujoco.mjtRndFlag.mjRND_SHADOW] = False
@@ -215,12 +216,12 @@ class Screen:
         self.mujoco.mjv_updateScene(model, data, self.mujoco.MjvOption(), None, camera, everything, scene)
         return scene
 
-    def _picture(self, model: object, layers: list[tuple[object, float, float]]) -> NDArray[np.uint8]:
+    def _picture(self, model: Any, layers: list[tuple[Any, float, float]]) -> NDArray[np.uint8]:
         """Layers on a light ground, each with its share of the colour where it is in front, and where behind."""
         context = self.mujoco.MjrContext(model, self.mujoco.mjtFontScale.mjFONTSCALE_100)
         self.mujoco.mjr_setBuffer(self.mujoco.mjtFramebuffer.mjFB_OFFSCREEN, context)
         n = PIXELS * FINER
-        picture, solid = np.tile(255.0 * np.array(SKY_RGB), (n, n, 1)), np.ones((n, n))
+        picture, solid = np.tile(255.0 * np.array(SKY_RGB), (n, n, 1)), np.ones((n, n), np.float32)
         for k, (scene, in_front, behind) in enumerate(layers):
             colours, depths = self._render(context, scene)
             share = np.where(depths < 1, np.where(depths <= solid, in_front, behind), 0.0)[..., None]
@@ -230,7 +231,7 @@ class Screen:
         small = picture.reshape(PIXELS, FINER, PIXELS, FINER, 3).mean((1, 3))
         return small[::-1].round().astype(np.uint8)
 
-    def _render(self, context: object, scene: object) -> tuple[Array, Array]:
+    def _render(self, context: Any, scene: Any) -> tuple[Array, NDArray[Any]]:
         """Colours (n, n, 3; 0 to 255) and depths (n, n; 1 is the background), bottom row first."""
         n = PIXELS * FINER
         colours, depths, area = (
@@ -255,18 +256,18 @@ class Screen:
             half = 0.6 * LONGEST_ARROW_M * rest / np.linalg.norm(rest)
             arrow(pose.position - half, pose.position + half, 0.0028, MOMENT_RGBA)
 
-    def _geom(self, scene: object, kind: object, size: Array, pos: Array, rotation: Array, rgba: tuple) -> object:
+    def _geom(self, scene: Any, kind: Any, size: Array, pos: Array, rotation: Array, rgba: tuple) -> Any:
         geom = scene.geoms[scene.ngeom]
         self.mujoco.mjv_initGeom(geom, kind, size, pos, rotation.ravel(), np.array(rgba, np.float32))
         scene.ngeom += 1
         return geom
 
-    def _arrow(self, scene: object, start: Array, end: Array, width: float, rgba: tuple) -> None:
+    def _arrow(self, scene: Any, start: Array, end: Array, width: float, rgba: tuple) -> None:
         kind = self.mujoco.mjtGeom.mjGEOM_ARROW
         geom = self._geom(scene, kind, np.zeros(3), np.zeros(3), np.eye(3), rgba)
         self.mujoco.mjv_connector(geom, kind, width, start, end)
 
-    def _tool(self, scene: object, model: object, parts: Array, pose: Pose, rgba: tuple) -> None:
+    def _tool(self, scene: Any, model: Any, parts: NDArray[np.intp], pose: Pose, rgba: tuple) -> None:
         for g in parts:
             local = np.zeros(9)
             self.mujoco.mju_quat2Mat(local, model.geom_quat[g])

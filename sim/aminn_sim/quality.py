@@ -103,7 +103,8 @@ def _tendons(data: SimulatedData, stable: Array) -> dict[str, float]:
 
 
 def _quality(data: SimulatedData, stable: Array) -> dict[str, float]:
-    s, out = data.samples, {}
+    s = data.samples
+    out: dict[str, float] = {}
     for name in ("creep_rate_m_s", "drift_m_s", "worst_penetration_m", "settle_time_s", "hold_time_s"):
         out |= _percentiles(name, s[name][stable], (50, 99))
     for name in ("equilibrium_residual", "solver_residual"):
