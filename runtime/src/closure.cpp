@@ -63,10 +63,10 @@ void joint_side(const aminn_model_t &model, int b, int first, const float *q, co
         float velocity[3];
         subtract(arm, chain[kVectors * c + kLink], arm);
         cross(chain[kVectors * c + kAxis], arm, velocity);
+        // a mere sign would go into the difference, and zeros might change theirs
         const float minus_one = -model.coord_mask[AMINN_N_COORD * b + c];
         for (int i = 0; i < 3; ++i) {
-            j_q[i][c] =
-                minus_one * velocity[i]; // a sign alone would go into the difference, where signs of zeros may be lost
+            j_q[i][c] = minus_one * velocity[i];
         }
     }
 }
