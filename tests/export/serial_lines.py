@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from aminn_export.files.layout import FORMAT_VERSION as MODEL_FORMAT_VERSION
 from aminn_export.replay import serial_protocol as protocol
 from aminn_export.replay.serial_line import Line
 from aminn_export.replay.serial_protocol import Identity, frame
@@ -16,7 +17,9 @@ from aminn_export.replay.serial_protocol import Identity, frame
 Disturb = Callable[[bytes], bytes]
 Arrivals = Callable[[bytes], list[tuple[float, bytes]]]
 
-WHO = Identity("model", "hand 12345678", "aminn 0.1.0", "0.1.0", "ab" * 32, "cd" * 32, 6, 0x12345678, 0.5, 0)
+WHO = Identity(
+    "model", "hand 12345678", "aminn 0.1.0", "0.1.0", "ab" * 32, "cd" * 32, MODEL_FORMAT_VERSION, 0x12345678, 0.5, 0
+)
 
 
 def pack_identity(who: Identity) -> bytes:

@@ -33,6 +33,7 @@ from serial_lines import (
 
 from aminn_base.errors import AminnError
 from aminn_export.files.bin_model import read_bin_model
+from aminn_export.files.layout import FORMAT_VERSION as MODEL_FORMAT_VERSION
 from aminn_export.judge.verify import verify
 from aminn_export.replay import serial_line, serial_protocol
 from aminn_export.replay.firmware import build_firmware
@@ -162,7 +163,7 @@ def test_the_identity_is_compared_before_anything_is_replayed(exported: RandomMo
         "name": "mine",
         "hand": "claw",
         "made_by": "aminn 9",
-        "format_version": 7,
+        "format_version": MODEL_FORMAT_VERSION + 1,
         "content_crc": 1,
         "checkpoint_sha256": "00" * 32,
         "data_sha256": "11" * 32,
