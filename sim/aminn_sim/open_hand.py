@@ -10,8 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from aminn_base.errors import AminnError
-from aminn_base.read import AnyPath
+from aminn_base.read import AnyPath, read_bytes
 from aminn_hand.hand import Hand
 
 from . import _core
@@ -86,8 +85,5 @@ def open_hand(path: AnyPath | None = None) -> OpenHand:
     Raises AminnError that says what is wrong, where, and what to do.
     """
     path = Path(path) if path is not None else default_hand_file()
-    try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise AminnError(f"{path}: the hand file cannot be read ({error.strerror})") from error
+    text = read_bytes(path)
     return OpenHand(path, understand(path, text), text)

@@ -40,7 +40,7 @@ def change(path: Path, old: str, new: str) -> None:
         ('name = "three_finger_hand"', "", "name: field required"),
         ('name = "three_finger_hand"', "name = 3", "name: expected a text"),
         ('name = "three_finger_hand"', 'name = "a"\ncolour = 1', "colour is not a field of a hand file"),
-        ('name = "three_finger_hand"', "name = ", "not TOML"),
+        ('name = "three_finger_hand"', "name = ", "not valid TOML"),
         ('model = "three_finger_hand.xml"', 'model = "nothing.xml"', "nothing.xml, which is no file"),
         ('model = "point"', 'model = "rubber"', "contact.model: input should be 'point' or 'soft_finger'"),
         ("torsional_friction_m = 0.003", "torsional_friction_m = -1", "contact.torsional_friction_m: input"),
@@ -64,7 +64,7 @@ def test_malformed_hand_file(hand: Path, old: str, new: str, message: str) -> No
 
 
 def test_missing_hand_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(AminnError, match=r"none\.toml: the hand file cannot be read"):
+    with pytest.raises(AminnError, match=r"none\.toml: cannot be read"):
         open_hand(tmp_path / "none.toml")
 
 

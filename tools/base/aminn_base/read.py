@@ -15,15 +15,22 @@ AnyPath = str | os.PathLike[str]
 """A place in the file system as a caller may write it."""
 
 
-def read_text(path: AnyPath) -> str:
-    """The text of a UTF-8 file, with or without a byte-order mark; whatever the locale says, lines end in LF.
-
-    Raises AminnError where it cannot be read or is of another encoding.
-    """
+def read_bytes(path: AnyPath) -> bytes:
+    """The content of a file. Raises AminnError where it cannot be read."""
     try:
-        return Path(path).read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
+        return Path(path).read_bytes()
     except OSError as error:
         raise AminnError(f"{path}: cannot be read ({error.strerror})") from error
+
+
+def read_text(path: AnyPath, content: bytes | None = None) -> str:
+    """The text of a UTF-8 file, with or without a byte-order mark; whatever the locale says, lines end in LF.
+
+    content: what the file held, where it was read before. Raises AminnError where it cannot be read or is of another
+    encoding.
+    """
+    try:
+        return (read_bytes(path) if content is None else content).decode("utf-8-sig").replace("\r\n", "\n")
     except UnicodeDecodeError as error:
         raise AminnError(f"{path}: not UTF-8 text (byte {error.start}); save it as UTF-8, or make it again") from error
 
@@ -56,10 +63,10 @@ def json_object(text: str, what: str = "names and values") -> dict[str, Any]:
     return value
 
 
-def read_toml(path: AnyPath) -> dict[str, Any]:
-    """The table in a TOML file. Raises AminnError where it cannot be read or is no TOML."""
+def read_toml(path: AnyPath, content: bytes | None = None) -> dict[str, Any]:
+    """The table in a TOML file, or in its `content`. Raises AminnError where it cannot be read or is no TOML."""
     try:
-        return tomllib.loads(read_text(path))
+        return tomllib.loads(read_text(path, content))
     except (ValueError, RecursionError) as error:
         raise AminnError(f"{path}: not valid TOML ({error})") from error
 

@@ -6,7 +6,6 @@ Only `name` and `model` must be there; everything else is derived from the model
 from __future__ import annotations
 
 import importlib.util
-import tomllib
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Literal
@@ -14,6 +13,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationError
 
 from aminn_base.errors import AminnError
+from aminn_base.read import read_toml
 
 Vector3 = Annotated[tuple[float, float, float], Field()]
 Posture = dict[str, float]
@@ -154,11 +154,9 @@ def read_hand_file(path: Path | str, content: bytes | None = None) -> HandFile:
     """Read and check a hand file, or what its `content` was. Raises AminnError with file and field."""
     path = Path(path)
     try:
-        table = tomllib.loads((path.read_bytes() if content is None else content).decode("utf-8-sig"))
-    except OSError as error:
-        raise AminnError(f"{path}: the hand file cannot be read ({error.strerror})") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise AminnError(f"{path}: not TOML ({error})") from error
+        table = read_toml(path, content)
+    except AminnError as error:
+        raise AminnError(f"{error}: a hand file is a TOML file beside its model") from error
     try:
         return HandFile.model_validate(table)
     except ValidationError as error:
