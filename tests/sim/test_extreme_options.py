@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import shutil
 import time
 from pathlib import Path
@@ -14,7 +15,7 @@ from hypothesis import strategies as st
 
 from aminn_sim import SimulationConfig, SimulationError, _core, simulate
 from aminn_sim.config import RANGES
-from aminn_sim.open_hand import default_hand_file
+from aminn_sim.open_hand import default_hand_file, open_hand
 
 EXAMPLES = 30
 PATIENCE_S = 0.4  # after so long an example is stopped: that it can be is what is shown
@@ -107,34 +108,19 @@ def test_compiled_part_refuses_what_python_let_pass(simulator: _core.Simulator, 
             _core.Session(simulator, options, 1, 0, 0, 0, [0])
 
 
-@pytest.fixture
-def coarse_hand(tmp_path: Path) -> Path:
-    """A copy of the hand whose model has a time step of 2 ms."""
+@pytest.mark.parametrize("timestep", ["1e-9", "0.002", "0.5"])
+def test_the_time_step_is_the_protocols_whatever_the_models_is(tmp_path: Path, timestep: str) -> None:
+    """A hand's file brings solver options of its own; the scene has the simulation's."""
     folder = tmp_path / "hand"
     shutil.copytree(default_hand_file().parent, folder)
     model = folder / "three_finger_hand.xml"
-    model.write_text(model.read_text().replace('timestep="0.001"', 'timestep="0.002"'))
-    return folder / "hand.toml"
-
-
-@pytest.mark.parametrize("name", DURATIONS)
-def test_a_time_below_the_models_time_step_is_refused(tmp_path: Path, coarse_hand: Path, name: str) -> None:
-    """The range begins at a millisecond; a hand's model may step more coarsely."""
-    others = {"drift_window_s": 0.05, "hold_s": 0.15, "hold_max_s": 2.0}
-    if name in ("hold_s", "hold_max_s"):
-        others |= {"drift_window_s": 0.001, "hold_s": 0.001}
-    config = SimulationConfig(grasps=1, cases=1, **others | {name: 0.001})
-    with pytest.raises(SimulationError, match=r"_s is 0\.001, expected at least the model's time step, 0\.002 s"):
-        simulate(config, tmp_path / "data", hand=coarse_hand, progress=False)
-    assert not (tmp_path / "data").exists()
-
-
-@pytest.mark.parametrize("timestep", ["1e-9", "0.5"])
-def test_a_model_with_a_wild_time_step_is_refused(tmp_path: Path, coarse_hand: Path, timestep: str) -> None:
-    scene = coarse_hand.parent / "three_finger_hand.xml"
-    scene.write_text(scene.read_text().replace('timestep="0.002"', f'timestep="{timestep}"'))
-    with pytest.raises(SimulationError, match=r"the model's time step, s, is \S+, expected 1e-05 to 0\.05"):
-        simulate(SimulationConfig(grasps=1, cases=1), tmp_path / "data", hand=coarse_hand, progress=False)
+    text = model.read_text()
+    told, found = re.subn(r"(<compiler [^>]*/>)", rf'\1<option timestep="{timestep}"/>', text, count=1)
+    assert found
+    model.write_text(told)
+    config = SimulationConfig(**dict.fromkeys(DURATIONS, 0.001))
+    simulator = open_hand(folder / "hand.toml").simulator()
+    simulator.check(config.options())
 
 
 def test_what_the_disk_cannot_hold_is_refused_before_any_work(tmp_path: Path, monkeypatch) -> None:
