@@ -36,8 +36,9 @@ EQ_CONNECT, EQ_WELD, EQ_JOINT, EQ_TENDON, EQ_DISTANCE = range(5)
 TRN_JOINT, TRN_TENDON = 0, 3
 BIAS_AFFINE = 1
 EFC_EQUALITY = 0
-# A joint whose range is narrower than this on every joint was meant in degrees; a longer link in millimetres.
-LEAST_RANGE_RAD, LONGEST_LINK_M = 0.1, 1.0
+# Ranges that are narrower than this on every joint, or angles beyond two turns, are of the other unit; a longer link is
+# in millimetres.
+LEAST_RANGE_RAD, MOST_ANGLE_RAD, LONGEST_LINK_M = 0.1, 4 * np.pi, 1.0
 WEAK_COUPLING = 10.0
 """A coupling below so many times the joints' own stiffness gives way."""
 SPHERE, CAPSULE, MESH = 2, 3, 7
@@ -381,6 +382,13 @@ class _Reader:
                     f'joint {model.joints[j]} has no limits{stated}; set range and limited="true" in the model'
                 )
         widest = max(float(ranges[j][1] - ranges[j][0]) for j in mine)
+        wild = [j for j in mine if np.abs(ranges[j]).max() > MOST_ANGLE_RAD]
+        if wild:
+            low, high = ranges[wild[0]]
+            raise self.fail(
+                f"joint {model.joints[wild[0]]} turns from {low:g} to {high:g} rad; degrees? a model in degrees needs "
+                '<compiler angle="degree"/>, or none'
+            )
         if widest < LEAST_RANGE_RAD:
             raise self.fail(
                 f"no joint turns by more than {widest:.3g} rad; degrees? a model in radians needs "
@@ -421,6 +429,9 @@ class _Reader:
         for b, chain in enumerate(chains):
             fixed = _fixed_to(model, chain[-1])
             told = [t for t in file.branch if t.tip in {model.bodies[x] for x in fixed}]
+            if len(told) > 1:
+                both = " and ".join(t.name for t in told)
+                raise self.fail(f"branches {both} both name a tip on {model.bodies[chain[-1]]}: one branch ends there")
             if told:
                 names[b] = told[0].name
             tip = model.body(told[0].tip, f"{self.path}: branch.{names[b]}.tip") if told else chain[-1]

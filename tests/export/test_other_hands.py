@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from hands import HANDS, random_model
 
+from aminn.data.dataset import Dataset
 from aminn_base.errors import AminnError
 from aminn_export import _runtime
 from aminn_export.export import write_model_files
@@ -17,7 +18,7 @@ from aminn_export.files.bin_model import bin_model_bytes, read_bin_model
 from aminn_export.files.compiled import runtime_for
 from aminn_export.files.hand_header import HAND_HEADER, header_beside, name_in, same_build
 from aminn_export.files.tables import branch_joints, dims_of
-from aminn_export.judge.identity import misfits
+from aminn_export.judge.identity import check_model_hand, misfits
 from aminn_export.replay.runtime_place import find_in
 
 RUNTIME = Path(__file__).resolve().parents[2] / "runtime"
@@ -130,3 +131,10 @@ def test_soft_fingertips_are_told_from_points(gripper_dir: Path, point_dir: Path
         wrong = compiled_model(folder, "aminn_model", f'-DAMINN_HAND_HEADER="{other / HAND_HEADER}"')
         assert wrong.returncode and "this model is for another hand" in wrong.stderr
         assert not same_build(folder / HAND_HEADER, other / HAND_HEADER)
+
+
+def test_data_of_a_hand_of_other_counts_are_refused_by_name() -> None:
+    model = read_bin_model(RUNTIME.parent / "tests" / "golden" / "aminn_model.bin")
+    for hand in (HANDS["gripper"](), HANDS["allegro_like"]()):
+        with pytest.raises(AminnError, match="of another hand than the model"):
+            check_model_hand(model, Dataset({"hand": hand.as_dict()}, {}, {}, {}), Path("data"))

@@ -27,6 +27,7 @@ REFUSED = {
     "limits that are not enforced": ("finger1_roll", "not enforced", 'limited="true"'),
     "millimetres": ("55 m long", "millimetres?"),
     "degrees": ("degrees?", "radian"),
+    "degrees in a model of radians": ("finger1_roll", "degrees?"),
     "a joint that two fingers share": ("knuckles", "finger1_distal", "finger2_distal", "lock"),
     "a closed loop": ("closes a loop",),
     "fingers coupled with each other": ("finger1 and finger2",),
@@ -178,6 +179,12 @@ SHEETS = {
     'name = "x"\nmodel = "hand.xml"\n[[branch]]\nname = "a"\ntip = "palm"\n': ("tip 'palm'",),
     'name = "x"\nmodel = "hand.xml"\n[[branch]]\nname = "a"\ntip = "thumb_distal"\n': (
         "1 branches are named", "finger1", "finger2"),
+    'name = "x"\nmodel = "hand.xml"\n' + "".join(
+        f'[[branch]]\nname = "{n}"\ntip = "{t}_distal"\n' for n, t in (("a", "thumb"), ("c", "thumb"))): (
+        "a and c both name a tip",),
+    'name = "x"\nmodel = "hand.xml"\n' + "".join(
+        f'[[branch]]\nname = "f"\ntip = "{t}_distal"\n' for t in ("thumb", "finger1", "finger2")): (
+        "more than one branch is called f",),
     'name = "x"\nmodel = "hand.xml"\n[stiffness]\npull_only = ["flexors_*"]\n': (
         "flexors_*", "finger1_proximal_flexor"),
     'name = "x"\nmodel = "hand.xml"\n[stiffness]\nfriction = "maybe"\n': ("friction", "keep"),

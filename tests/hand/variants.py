@@ -115,6 +115,7 @@ MODELS: dict[str, Edit] = {
         ('pos="0.022 0.060 0"', 'pos="22 60 0"'),
     ),
     "degrees": replaced(('<compiler angle="radian"', '<compiler angle="degree"')),
+    "degrees in a model of radians": replaced(('joint range="-0.8 0.8"', 'joint range="-45 45"')),
     "a joint that two fingers share": replaced(
         (
             '      <body name="finger1_base" pos="0.022 0.060 0">',

@@ -351,6 +351,9 @@ class Hand:
         if not MIN_BRANCHES <= n <= MAX_BRANCHES:
             raise AminnError(f"hand {self.name}: {n} branches; {MIN_BRANCHES} to {MAX_BRANCHES} are supported")
         owner: dict[str, str] = {}
+        names = [branch.name for branch in self.branches]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise AminnError(f"hand {self.name}: more than one branch is called {twice[0]}; give each its own name")
         for branch in self.branches:
             if not 1 <= len(branch.coordinates) <= MAX_COORDINATES:
                 found = f"{len(branch.coordinates)} joints"

@@ -37,7 +37,8 @@ def check_model_hand(model: BinModel, dataset: Dataset, source: Path) -> None:
     tables = geometry_tables(dataset.hand) | {"coord_mask": dataset.hand.coordinate_mask}
     for table, other in tables.items():
         mine, name = model.tensors[table], table.removeprefix("geom_")
-        if not np.allclose(np.reshape(mine, np.shape(other)), other, rtol=1e-5, atol=1e-7):
+        same = np.size(mine) == np.size(other)
+        if not same or not np.allclose(np.reshape(mine, np.shape(other)), other, rtol=1e-5, atol=1e-7):
             raise AminnError(f"{source}: of another hand than the model (they differ in {name}); give data of its hand")
 
 
