@@ -184,7 +184,7 @@ SHEETS = {
         "a and c both name a tip",),
     'name = "x"\nmodel = "hand.xml"\n' + "".join(
         f'[[branch]]\nname = "f"\ntip = "{t}_distal"\n' for t in ("thumb", "finger1", "finger2")): (
-        "more than one branch is called f",),
+        "two are called f",),
     'name = "x"\nmodel = "hand.xml"\n[stiffness]\npull_only = ["flexors_*"]\n': (
         "flexors_*", "finger1_proximal_flexor"),
     'name = "x"\nmodel = "hand.xml"\n[stiffness]\nfriction = "maybe"\n': ("friction", "keep"),

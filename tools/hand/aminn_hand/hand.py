@@ -353,7 +353,7 @@ class Hand:
         owner: dict[str, str] = {}
         names = [branch.name for branch in self.branches]
         if twice := sorted({name for name in names if names.count(name) > 1}):
-            raise AminnError(f"hand {self.name}: more than one branch is called {twice[0]}; give each its own name")
+            raise AminnError(f"hand {self.name}: branches: two are called {twice[0]}; give each its own name")
         for branch in self.branches:
             if not 1 <= len(branch.coordinates) <= MAX_COORDINATES:
                 found = f"{len(branch.coordinates)} joints"
@@ -469,9 +469,6 @@ def _faults(hand: Hand) -> Iterator[tuple[str, str]]:
         if not (math.isfinite(value) and value >= least):
             yield place, f"is {value}, expected {'a positive number' if least > 0 else 'a number of 0 or more'}"
 
-    names = [branch.name for branch in hand.branches]
-    if len(set(names)) < len(names):
-        yield "branches", f"two are called {max(names, key=names.count)}"
     for b, branch in enumerate(hand.branches):
         own, n = f"branches.{b}", len(branch.coordinates)
         yield from vector(f"{own}.tip_point_m", branch.tip_point_m, 3)
@@ -497,5 +494,8 @@ def _faults(hand: Hand) -> Iterator[tuple[str, str]]:
     yield from number("length_m", hand.length_m, sys.float_info.min)
     if hand.mirror is not None:
         yield from vector("mirror.normal", hand.mirror.normal, 3, unit=True)
-        if sorted(hand.mirror.branches) != list(range(len(names))):
-            yield "mirror.branches", f"is {list(hand.mirror.branches)}, expected each of {len(names)} branches once"
+        if sorted(hand.mirror.branches) != list(range(len(hand.branches))):
+            yield (
+                "mirror.branches",
+                f"is {list(hand.mirror.branches)}, expected each of {len(hand.branches)} branches once",
+            )
