@@ -1,75 +1,21 @@
 // First inputs of both fuzz targets: make_seeds FOLDER writes FOLDER/blob and FOLDER/predict.
 #include <cstdio>
-#include <cstring>
 #include <filesystem>
 #include <string>
-#include <vector>
 
 extern "C" {
 #include "host_file.h"
 }
-#include "mutate.hpp"
-#include "tables.hpp"
+#include "blob_writer.hpp"
 #include "tiny_model.h"
 
 namespace {
 
-using Bytes = std::vector<uint8_t>;
+using blob_writer::blob_of;
+using blob_writer::Bytes;
+using blob_writer::put;
 
 constexpr uint32_t kSamples = 16;
-constexpr uint32_t kMagic = 0x4D4E4D41u; // "AMNM"
-
-template <class T>
-void put(Bytes &bytes, const T &value)
-{
-    const uint8_t *from = reinterpret_cast<const uint8_t *>(&value);
-    bytes.insert(bytes.end(), from, from + sizeof value);
-}
-
-void put_name(Bytes &bytes, const char *name, size_t room)
-{
-    const size_t end = bytes.size() + room;
-    bytes.insert(bytes.end(), name, name + std::strlen(name));
-    bytes.resize(end);
-}
-
-void put_header(Bytes &bytes, const aminn_model_t &m)
-{
-    for (uint32_t v :
-         {kMagic, m.format_version, 0u, 0u, m.content_crc, m.n_branch, m.n_coord, m.n_joint, m.n_contact_feature,
-          m.n_wrench, m.n_gated, m.contact_width, m.width, m.classifier_width, m.dq0, m.weight_type, m.stages_crc}) {
-        put(bytes, v);
-    }
-    for (float v : {m.length_scale, m.log_range, m.displacement_log_scale, m.tau}) {
-        put(bytes, v);
-    }
-    put(bytes, m.checkpoint_sha256);
-    put(bytes, m.data_sha256);
-    for (float v : {m.stage[0].eps_kx, m.stage[1].eps_kx, m.stage[0].eps_jq, m.stage[1].eps_jq}) {
-        put(bytes, v);
-    }
-    put(bytes, AMINN_N_TWIST);
-    put_name(bytes, m.name, 56);
-    put_name(bytes, m.hand, 56);
-    put_name(bytes, m.made_by, 40);
-}
-
-// the model as a blob; widths may be smaller than those of its tables, which are cut then
-Bytes blob_of(const aminn_model_t &m)
-{
-    Bytes bytes;
-    put_header(bytes, m);
-    for (const aminn::TableInfo &info : aminn::kTables) {
-        aminn::Table table;
-        aminn::find_table(m, info, table);
-        const auto *values = static_cast<const uint8_t *>(table.numbers);
-        const size_t end = bytes.size() + aminn::table_room(m, info);
-        bytes.insert(bytes.end(), values, values + table.n * table.size);
-        bytes.resize(end);
-    }
-    fuzz::seal_blob(bytes.data(), bytes.size());
-    return bytes;
-}
 
 void write(const std::filesystem::path &path, const void *bytes, size_t size)
 {

@@ -7,11 +7,11 @@
 #include <string>
 #include <vector>
 
+#include "blob_writer.hpp"
 #include "hand_case.hpp"
-#include "tables.hpp"
 #include "unity.h"
-#include "vector_file.h"
 
+using blob_writer::blob_of;
 using namespace hand_case;
 
 static Tables tables;
@@ -76,56 +76,6 @@ extern "C" void setUp(void)
 
 extern "C" void tearDown(void)
 {
-}
-
-template <class T>
-static void put(std::vector<uint8_t> &bytes, const T &value)
-{
-    const auto *from = reinterpret_cast<const uint8_t *>(&value);
-    bytes.insert(bytes.end(), from, from + sizeof value);
-}
-
-static void put_name(std::vector<uint8_t> &bytes, const char *name, size_t room)
-{
-    const size_t end = bytes.size() + room;
-    bytes.insert(bytes.end(), name, name + std::strlen(name));
-    bytes.resize(end);
-}
-
-/* the model as the exporter would write it; size and CRC-32 are right */
-static std::vector<uint8_t> blob_of(const aminn_model_t &m)
-{
-    std::vector<uint8_t> bytes;
-    for (uint32_t v :
-         {0x4D4E4D41u, m.format_version, 0u, 0u, m.content_crc, m.n_branch, m.n_coord, m.n_joint, m.n_contact_feature,
-          m.n_wrench, m.n_gated, m.contact_width, m.width, m.classifier_width, m.dq0, m.weight_type, m.stages_crc}) {
-        put(bytes, v);
-    }
-    for (float v : {m.length_scale, m.log_range, m.displacement_log_scale, m.tau}) {
-        put(bytes, v);
-    }
-    put(bytes, m.checkpoint_sha256);
-    put(bytes, m.data_sha256);
-    for (float v : {m.stage[0].eps_kx, m.stage[1].eps_kx, m.stage[0].eps_jq, m.stage[1].eps_jq}) {
-        put(bytes, v);
-    }
-    put(bytes, m.n_twist);
-    put_name(bytes, m.name, 56);
-    put_name(bytes, m.hand, 56);
-    put_name(bytes, m.made_by, 40);
-    for (const aminn::TableInfo &info : aminn::kTables) {
-        aminn::Table table;
-        aminn::find_table(m, info, table);
-        const auto *values = static_cast<const uint8_t *>(table.numbers);
-        const size_t end = bytes.size() + aminn::table_room(m, info);
-        bytes.insert(bytes.end(), values, values + table.n * table.size);
-        bytes.resize(end);
-    }
-    const auto size = static_cast<uint32_t>(bytes.size());
-    const uint32_t crc = vector_crc(0, bytes.data() + 16, bytes.size() - 16);
-    std::memcpy(bytes.data() + 8, &size, sizeof size);
-    std::memcpy(bytes.data() + 12, &crc, sizeof crc);
-    return bytes;
 }
 
 static aminn_output_t predicted(const aminn_model_t &m)
