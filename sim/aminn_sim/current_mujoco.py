@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from aminn_hand.hand import rotation as rotation_matrix
+
 from .errors import SimulationError
 from .open_hand import OpenHand
 
@@ -49,15 +51,6 @@ def rotation_vector(rotation: Array) -> Array:
     mujoco.mju_mat2Quat(quaternion, rotation.ravel())
     mujoco.mju_quat2Vel(vector, quaternion, 1.0)
     return vector
-
-
-def rotation_matrix(vector: Array) -> Array:
-    """Rotation matrix (3, 3) of a rotation vector (3)."""
-    mujoco = import_mujoco()
-    angle, quaternion, matrix = float(np.linalg.norm(vector)), np.zeros(4), np.zeros(9)
-    mujoco.mju_axisAngle2Quat(quaternion, vector / angle if angle > 0 else np.eye(3)[0], angle)
-    mujoco.mju_quat2Mat(matrix, quaternion)
-    return matrix.reshape(3, 3)
 
 
 class CurrentGrasp:

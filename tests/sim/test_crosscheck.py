@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from aminn_hand.hand import ContactModel
+from aminn_hand.hand import rotation as rotation_matrix
 from aminn_sim import SimulationConfig, SimulationError, _core
 from aminn_sim.crosscheck import crosscheck
-from aminn_sim.current_mujoco import CurrentGrasp, rotation_matrix, rotation_vector
+from aminn_sim.current_mujoco import CurrentGrasp, rotation_vector
 from aminn_sim.open_hand import OpenHand, open_hand
 
 pytest.importorskip("mujoco", reason="the extra mujoco is not installed")

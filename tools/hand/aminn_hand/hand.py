@@ -127,38 +127,43 @@ class Branch:
         return k
 
     def pose(self, q: Array) -> tuple[Array, Array, Array, Array]:
-        """At branch angles q (C): axes (C, 3), anchors (C, 3) m, and the tip's motion from q = 0: R (3, 3), p (3).
+        """At branch angles q (..., C): axes (..., C, 3), anchors (..., C, 3) m, and the tip's motion from q = 0.
 
-        A point x that the tip holds at q = 0 is at R x + p. All in H.
+        The motion is R (..., 3, 3), p (..., 3): a point x that the tip holds at q = 0 is at R x + p. All in H.
         """
         turn, origin, axes, anchors = np.eye(3), np.zeros(3), [], []
-        for angle, coordinate in zip(q, self.coordinates, strict=True):
-            axis, anchor = turn @ coordinate.axis, origin + turn @ coordinate.anchor_m
-            axes.append(axis)
-            anchors.append(anchor)
-            step = rotation(axis * angle)
-            origin, turn = anchor + step @ (origin - anchor), step @ turn
-        return np.array(axes), np.array(anchors), turn, origin
+        for c, coordinate in enumerate(self.coordinates):
+            axes.append(turn @ coordinate.axis)
+            anchors.append(origin + turn @ coordinate.anchor_m)
+            step = rotation(axes[-1] * q[..., c, None])
+            origin, turn = anchors[-1] + times(step, origin - anchors[-1]), step @ turn
+        shape = (*q.shape[:-1], 3)
+        axes, anchors = ([np.broadcast_to(v, shape) for v in vectors] for vectors in (axes, anchors))
+        return np.stack(axes, -2), np.stack(anchors, -2), turn, origin
 
     def jacobian(self, q: Array, point: Array) -> Array:
-        """B_b (3, C), m/rad: velocity of a point (3), H, that the tip holds, at branch angles q (C)."""
+        """B_b (..., 3, C), m/rad: velocity of a point (..., 3), H, that the tip holds, at branch angles q (..., C)."""
         axes, anchors, _, _ = self.pose(q)
-        return np.cross(axes, point - anchors).T
+        return np.cross(axes, point[..., None, :] - anchors).swapaxes(-1, -2)
 
     def moved(self, q: Array, point: Array) -> Array:
-        """Where a point (3), H, that the tip holds at q = 0 is at branch angles q (C)."""
+        """Where a point (..., 3), H, that the tip holds at q = 0 is at branch angles q (..., C)."""
         _, _, turn, origin = self.pose(q)
-        return np.asarray(origin + turn @ point)
+        return origin + times(turn, point)
 
 
 def rotation(turn: Array) -> Array:
-    """Rotation matrix (3, 3) of a rotation vector (3)."""
-    angle = float(np.linalg.norm(turn))
-    if angle == 0:
-        return np.eye(3)
-    x, y, z = turn / angle
-    k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
+    """Rotation matrices (..., 3, 3) of rotation vectors (..., 3)."""
+    angle = np.linalg.norm(turn, axis=-1, keepdims=True)
+    x, y, z = np.moveaxis(turn / np.where(angle > 0, angle, 1.0), -1, 0)
+    zero, angle = np.zeros_like(x), angle[..., None]
+    k = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).reshape(*x.shape, 3, 3)
+    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * (k @ k)
+
+
+def times(matrix: Array, vector: Array) -> Array:
+    """Matrices (..., 3, 3) times vectors (..., 3)."""
+    return (matrix @ vector[..., None])[..., 0]
 
 
 @dataclass(frozen=True)

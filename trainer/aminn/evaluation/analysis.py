@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from aminn_hand.hand import rotation, times
+
 from ..data.dataset import Dataset
 from ..hand.closure import closure, fingertips
 from ..hand.nominal import gated_tendons
@@ -76,21 +78,13 @@ def breakdown(prediction: Prediction, data: Dataset) -> Parts:
     return figures
 
 
-def turned(r: Array, rotvec: Array) -> Array:
-    """Vectors r (..., 3) turned by rotation vectors (..., 3)."""
-    angle = np.linalg.norm(rotvec, axis=-1, keepdims=True)
-    axis = rotvec / np.maximum(angle, 1e-12)
-    along = (axis * r).sum(-1, keepdims=True) * axis
-    return along + np.cos(angle) * (r - along) + np.sin(angle) * np.cross(axis, r)
-
-
 def contact_slip(data: Dataset) -> Array:
     """How far each contact slid by the end of the load (n, B), m: what the tool's point and the finger's point at the
     contact before the load are apart in its tangent plane afterwards, the finger as its joint angles say."""
     s = data.samples
     contacts, dx = s["contacts"], s["dx_ht"]
     r = contacts[..., 1:4] - s["x_ht"][:, None, :3]
-    tool = s["x_ht"][:, None, :3] + dx[:, None, :3] + turned(r, dx[:, None, 3:])
+    tool = s["x_ht"][:, None, :3] + dx[:, None, :3] + times(rotation(dx[:, None, 3:]), r)
     gap = tool - fingertips(data.hand, s["q"], s["q_after"], contacts[..., 1:4])
     normal = contacts[..., 4:7]
     return contacts[..., 0] * np.linalg.norm(gap - (gap * normal).sum(-1, keepdims=True) * normal, axis=-1)

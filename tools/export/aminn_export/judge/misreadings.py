@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aminn.data.dataset import Dataset, load_dataset
-from aminn.evaluation.analysis import turned
 from aminn.evaluation.evaluate import align_columns
 from aminn.pages.grasp_picture import branch_points
 from aminn_base.errors import AminnError
 from aminn_hand import Hand
+from aminn_hand.hand import rotation, times
 
 from ..files.compiled import runtime
 from ..files.ranges import STATE_FIELDS
@@ -62,10 +62,10 @@ def _fingers_exchanged(s: State) -> None:
 
 def _tool_frame(s: State) -> None:
     """The tool's frame 30 mm along its axis: pose, moment and motion are of that point."""
-    arm = turned(np.array([FRAME_OFFSET_M, 0, 0]), s["x_ht"][:, 3:])
+    arm = times(rotation(s["x_ht"][:, 3:]), np.array([FRAME_OFFSET_M, 0, 0]))
     s["x_ht"][:, :3] += arm
     s["w_e"][:, 3:] -= np.cross(arm, s["w_e"][:, :3])
-    s["dx_ht"][:, :3] += turned(arm, s["dx_ht"][:, 3:]) - arm
+    s["dx_ht"][:, :3] += times(rotation(s["dx_ht"][:, 3:]), arm) - arm
 
 
 def _normals_out(s: State) -> None:
@@ -88,8 +88,8 @@ def _millimetres(s: State) -> None:
 def _state_under_load(s: State) -> None:
     """As sensors show it after the load has come; contacts go with the tool."""
     centre, turn = s["x_ht"][:, None, :3].copy(), s["dx_ht"][:, None, 3:]
-    s["contacts"][..., 1:4] = centre + s["dx_ht"][:, None, :3] + turned(s["contacts"][..., 1:4] - centre, turn)
-    s["contacts"][..., 4:7] = turned(s["contacts"][..., 4:7], turn)
+    s["contacts"][..., 1:4] = centre + s["dx_ht"][:, None, :3] + times(rotation(turn), s["contacts"][..., 1:4] - centre)
+    s["contacts"][..., 4:7] = times(rotation(turn), s["contacts"][..., 4:7])
     s["x_ht"][:, :3] += s["dx_ht"][:, :3]
     s["x_ht"][:, 3:] = _after(s["x_ht"][:, 3:], turn[:, 0])
     s["q"] = s["q_after"]
