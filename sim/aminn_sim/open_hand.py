@@ -69,9 +69,9 @@ class OpenHand:
         return max(simulator.gap(np.array(psi)) for psi in itertools.product(*self.hand.synergy.ranges))
 
     def model_hashes(self) -> dict[str, str]:
-        """SHA-256 of the hand file and of every file that its model is made of, by place beside the model."""
+        """SHA-256 of the hand file, whatever it is called, and of its model's files, by place beside the model."""
         content = {os.path.relpath(path, self.understood.source.parent): c for path, c in self.understood.files.items()}
-        content |= {self.path.name: self.text}
+        content |= {"the hand file": self.text}
         return {name: hashlib.sha256(content[name]).hexdigest() for name in content}
 
     def files(self) -> list[Path]:

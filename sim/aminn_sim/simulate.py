@@ -113,6 +113,8 @@ def simulate(
         raise SimulationError(f"threads is {threads}, expected 0 (all cores) to {THREADS_MAX}")
     run = find_engine(engine)
     opened = open_hand(hand)
+    for note in opened.understood.notes if progress else ():
+        tqdm.write(f"note: {note}", file=sys.stderr)
     simulator = opened.simulator()
     check_options(config, simulator)
     check_tools_fit(config, opened, simulator)
@@ -193,7 +195,8 @@ class _Work:
         write_atomically(self.out / name, content)
 
     def _record(self) -> None:
-        write_json(self.out / UNFINISHED, {"shards": [{"file": k, "sha256": v} for k, v in self.recorded.items()]})
+        shards = [{"file": k, "sha256": v} for k, v in self.recorded.items()]
+        write_json(self.out / UNFINISHED, {"shards": shards} | _origin(self.config, self.hand))
 
     def _is_complete(self, number: int) -> bool:
         """Whether the shard is there and as it was written; one that no record vouches for is to be made again.
@@ -212,9 +215,9 @@ class _Work:
         except (OSError, KeyError, ValueError, TypeError, RuntimeError) as error:
             raise OutdatedDataError(f"{path}: not a readable shard ({error}); delete it and simulate again") from error
         if digest != self.digest:
+            what = _difference(self.out, self.config, self.hand)
             raise OutdatedDataError(
-                f"{path}: is of another configuration ({digest[:12]}, this one is {self.digest[:12]}); "
-                "choose another folder or delete this one"
+                f"{path}: is of another configuration ({what}); choose another folder or delete this one"
             )
         if found != number:
             raise OutdatedDataError(
@@ -236,6 +239,36 @@ class _Work:
                 f"{path}: damaged, its SHA-256 is not the recorded one; delete it and simulate again"
             )
         return bool(sha256)
+
+
+def _origin(config: SimulationConfig, hand: Hand) -> dict:
+    """What a data set is made of, as its manifest has it."""
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "protocol_version": PROTOCOL_VERSION,
+        "simulator": simulator_name(),
+        "config": dataclasses.asdict(config) | {"families": list(config.families)},
+        "hand": hand.as_dict(),
+    }
+
+
+def _difference(out: Path, config: SimulationConfig, hand: Hand) -> str:
+    """What the data set in `out` has otherwise, as far as its record tells."""
+    mine = json.loads(json.dumps(_origin(config, hand)))
+    for file in (out / UNFINISHED, out / MANIFEST):
+        try:
+            found = json.loads(file.read_text())
+            theirs = {name: found[name] for name in mine}
+            settings, wanted = ({k: v for k, v in o["config"].items() if k not in _NOT_IN_HASH} for o in (theirs, mine))
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            continue
+        changed = [f"{k} {settings.get(k)} instead of {v}" for k, v in wanted.items() if settings.get(k) != v]
+        changed += [name for name in mine if name not in ("config", "hand") and theirs[name] != mine[name]]
+        if theirs["hand"] != mine["hand"]:
+            names = [str(dict(o["hand"]).get("name")) for o in (theirs, mine)]
+            changed.append(f"hand {names[0]}" + (f" instead of {names[1]}" if names[0] != names[1] else " as it was"))
+        return ", ".join(changed) or "the files of the hand"
+    return "what differs is not on record"
 
 
 def _recorded(out: Path) -> dict[str, str]:
@@ -361,11 +394,7 @@ def build_manifest(config: SimulationConfig, digest: str, hand: Hand, out: Path,
             rejections += file["grasps/rejections"][()].sum(0)
     bounds = ("translation_max_m", "rotation_max_rad", "drift_max_m_s", "lost_contact_s", "tool_left_m", "stop_factor")
     return {
-        "schema_version": SCHEMA_VERSION,
-        "protocol_version": PROTOCOL_VERSION,
-        "simulator": simulator_name(),
         "seed": config.seed,
-        "config": dataclasses.asdict(config) | {"families": list(config.families)},
         "config_sha256": digest,
         "shards": shards,
         "n_samples": sum(s["n_samples"] for s in shards),
@@ -376,5 +405,5 @@ def build_manifest(config: SimulationConfig, digest: str, hand: Hand, out: Path,
         "rejection_reasons": list(_core.REJECTIONS),
         "rejections": dict(zip(_core.REJECTIONS, rejections.tolist(), strict=True)),
         "bounds": {name: getattr(config, name) for name in bounds},
-        "hand": hand.as_dict(),
+        **_origin(config, hand),
     }

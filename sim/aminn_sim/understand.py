@@ -12,7 +12,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise, product
+from itertools import combinations, pairwise, product
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from aminn_base.errors import AminnError
 from aminn_base.read import AnyPath
 from aminn_hand.hand import Branch, ContactModel, Coordinate, Coupling, Hand, Mirror, Synergy, Tendon
-from aminn_hand.hand_file import HandFile, model_path, read_hand_file
+from aminn_hand.hand_file import ContactTable, HandFile, model_path, read_hand_file
 from aminn_hand.symmetry import find_mirror, mirror_in
 
 from . import _core, mjcf_tree
@@ -267,11 +267,16 @@ def _tell(file: HandFile, root: ET.Element, path: Path) -> None:
         ET.SubElement(equality, "joint", joint1=c.joint, joint2=c.of, polycoef=f"0 {c.ratio!r} 0 0 0")  # type: ignore[arg-type]
 
 
+def _held(model: _Model) -> set[int]:
+    """Joints that a servo of the model holds."""
+    kinds, ids = model.array("actuator_trntype"), model.array("actuator_trnid")
+    servos = (a for a in range(len(model.actuators)) if kinds[a] == TRN_JOINT and _servo_gains(model, a) > 0)
+    return {int(ids[a][0]) for a in servos}
+
+
 def _add_servos(file: HandFile, root: ET.Element, model: _Model, joints: Sequence[int]) -> bool:
     """Write servos for joints that nothing holds and the hand file gives a stiffness; whether there were any."""
-    held = {int(i[0]) for i, kind, a in zip(
-        model.array("actuator_trnid"), model.array("actuator_trntype"), range(len(model.actuators)), strict=True
-    ) if kind == TRN_JOINT and _servo_gains(model, a) > 0}  # fmt: skip
+    held = _held(model)
     told = file.stiffness.servo_Nm_rad
     wanted = {j: told.get(model.joints[j], told.get("default")) for j in joints if j not in held}
     new = {model.joints[j]: k for j, k in wanted.items() if k is not None}
@@ -319,6 +324,8 @@ class _Reader:
         palm = model.body(name, "palm")  # bodies before it may be gone
         chains = _chains(model, palm, self.path, set())
         joints = [[j for b in chain for j in model.joints_of(b)] for chain in chains]
+        for name in sorted({model.joints[j] for j in _held(model)} & set(file.stiffness.servo_Nm_rad)):
+            self.notes.append(f"stiffness.servo_Nm_rad.{name} is not used: the model has a servo there")
         if _add_servos(file, root, model, [j for js in joints for j in js]):
             model = _Model(root, assets, source, self.path)
         self._refuse_outside(model, palm, joints)
@@ -557,6 +564,8 @@ class _Reader:
                 "two point contacts leave a tool free to spin about the line through both: no grasp comes to rest; "
                 'set contact.model = "soft_finger"'
             )
+        if not soft and file.contact.torsional_friction_m != ContactTable().torsional_friction_m:
+            self.notes.append('contact.torsional_friction_m counts for contact.model = "soft_finger" alone')
         return ContactModel(file.contact.model, file.contact.torsional_friction_m if soft else 0.0)
 
     def _pinch(self, file: HandFile, hand: Hand, postures: tuple[Array, Array], reach_m: Array) -> Hand:
@@ -806,6 +815,19 @@ class _Reader:
         alone = int(np.argmax(distance))
         return ["thumb" if b == alone else "fingers" for b in range(len(points))]
 
+    def _refuse_opening(self, hand: Hand, postures: list[Array]) -> None:
+        """Closed, the fingertips of two groups have to be nearer to each other than open."""
+        apart, own = [], list(zip(hand.branches, hand.branch_joints, strict=True))
+        facing = [(i, j) for i, j in combinations(range(len(own)), 2) if own[i][0].group != own[j][0].group]
+        for q in postures:
+            tips = [branch.moved(q[at], np.array(branch.tip_point_m)) for branch, at in own]
+            apart.append(float(np.mean([np.linalg.norm(tips[i] - tips[j]) for i, j in facing])))
+        if apart[1] > apart[0]:
+            raise self.fail(
+                f"closing: fingertips that face each other are {1e3 * apart[0]:.0f} mm apart in the open posture and "
+                f"{1e3 * apart[1]:.0f} mm in the closed one; are the two exchanged?"
+            )
+
     def _postures(self, file: HandFile, hand: Hand) -> tuple[Array, Array]:
         """Told, or the least bent posture of the joints' ranges and 0.7 of the way to the most bent one."""
         coordinates = [c for b in hand.branches for c in b.coordinates]
@@ -820,6 +842,7 @@ class _Reader:
                             f"closing.{name}: joint {c.joint} at {angle:g} rad is beyond its limits {c.low_rad:g} to "
                             f"{c.high_rad:g}"
                         )
+            self._refuse_opening(hand, out)
             return out[0], out[1]
         if file.synergy is not None:
             neutral = file.synergy.neutral_rad

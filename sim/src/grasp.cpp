@@ -517,10 +517,11 @@ const GraspState &GraspWorker::make(std::uint64_t shard, std::uint64_t index, st
         describe();
         return state_;
     }
-    throw std::runtime_error("grasp " + std::to_string(grasp_id) + ": none of " +
-                             std::to_string(options_.grasp_attempts) + " attempts held the tool (" +
-                             in_words(state_.rejections) +
-                             "); widen the tool, synergy and force ranges or raise grasp_attempts");
+    throw std::runtime_error(
+        "grasp " + std::to_string(grasp_id) + ": none of " + std::to_string(options_.grasp_attempts) +
+        " attempts held the tool (" + in_words(state_.rejections) +
+        "); widen the tool, synergy and force ranges or raise grasp_attempts; no_fit: [closing] of the "
+        "hand file has to open wide enough for the tools");
 }
 
 void GraspWorker::save()

@@ -176,6 +176,11 @@ SHEETS = {
     'name = "x"\nmodel = "hand.xml"\nlocked = ["wrist"]\n': ("locked", "'wrist'"),
     'name = "x"\nmodel = "hand.xml"\n[closing]\nopen = {}\nclosed = { thumb_distal = 2.5 }\n': (
         "closing.closed", "thumb_distal", "1.7"),
+    'name = "x"\nmodel = "hand.xml"\n[closing]\nopen = { thumb_distal = 1.5, finger1_distal = 1.5 }\nclosed = {}\n': (
+        "closing", "mm apart", "exchanged?"),
+    'name = "x"\nmodel = "hand.xml"\nlength_m = 100\n': ("length_m", "less than or equal to 2"),
+    'name = "x"\nmodel = "hand.xml"\n[contact]\ntorsional_friction_m = 3\n': ("torsional_friction_m", "0.1"),
+    'name = "x"\nmodel = "hand.xml"\n[contact]\ncompliance_m_N = 25\n': ("compliance_m_N", "0.01"),
     'name = "x"\nmodel = "hand.xml"\n[[branch]]\nname = "a"\ntip = "palm"\n': ("tip 'palm'",),
     'name = "x"\nmodel = "hand.xml"\n[[branch]]\nname = "a"\ntip = "thumb_distal"\n': (
         "1 branches are named", "finger1", "finger2"),
@@ -206,6 +211,12 @@ def test_a_told_cable_that_can_push_is_refused(tmp_path: Path) -> None:
     sheet = SHEET_WITH + '\n[stiffness]\npull_only = ["*_flexor"]\n'
     with pytest.raises(AminnError, match="finger1_proximal_flexor can push"):
         understand(write(tmp_path, MODELS["tendons that push"], sheet))
+
+
+def test_what_is_told_and_not_used_is_noted(tmp_path: Path) -> None:
+    sheet = SHEET_WITH + "\n[stiffness]\nservo_Nm_rad = { finger1_roll = 5 }\n[contact]\ntorsional_friction_m = 0.01\n"
+    notes = " ".join(understand(write(tmp_path, sheet=sheet)).notes)
+    assert "servo_Nm_rad.finger1_roll is not used" in notes and "soft_finger" in notes
 
 
 def test_what_the_file_tells_is_simulated(tmp_path: Path) -> None:

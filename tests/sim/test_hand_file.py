@@ -118,8 +118,19 @@ def test_another_hand_is_another_data_set(hand: Path, tmp_path: Path) -> None:
     small = SimulationConfig(grasps=1, cases=1)
     simulate(small, tmp_path / "data", progress=False)
     change(hand, 'model = "point"', 'model = "soft_finger"')
-    with pytest.raises(SimulationError, match="another configuration"):
+    with pytest.raises(SimulationError, match=r"another configuration \(hand three_finger_hand as it was\)"):
         simulate(small, tmp_path / "data", progress=False, hand=hand)
+
+
+def test_a_hand_file_may_be_called_otherwise_or_moved(hand: Path, tmp_path: Path) -> None:
+    small = SimulationConfig(grasps=1, cases=1)
+    first = simulate(small, tmp_path / "data", progress=False, hand=hand)
+    moved = shutil.copytree(hand.parent, tmp_path / "elsewhere") / "mine.toml"
+    (moved.parent / hand.name).rename(moved)
+    assert simulate(small, tmp_path / "data", progress=False, hand=moved) == first
+    change(moved, "# MJCF of the hand", "# Model of the hand")
+    with pytest.raises(SimulationError, match=r"another configuration \(the files of the hand\)"):
+        simulate(small, tmp_path / "data", progress=False, hand=moved)
 
 
 def test_routing_matches_the_coefficients() -> None:
@@ -238,8 +249,8 @@ def test_what_was_read_is_what_is_simulated(hand: Path) -> None:
 
 def test_the_default_hand_is_what_it_was() -> None:
     folder = default_hand_file().parent
-    names = ("hand.toml", "three_finger_hand.xml")
-    expected = {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in names}
+    files = {"the hand file": "hand.toml", "three_finger_hand.xml": "three_finger_hand.xml"}
+    expected = {name: hashlib.sha256((folder / file).read_bytes()).hexdigest() for name, file in files.items()}
     assert open_hand().model_hashes() == expected
 
 

@@ -149,7 +149,7 @@ def test_progress_may_stop_the_workers(simulator: _core.Simulator) -> None:
 
 def test_folder_of_another_configuration_is_refused(dataset_dir: Path, tmp_path: Path) -> None:
     shutil.copytree(dataset_dir, tmp_path / "data")
-    with pytest.raises(SimulationError, match="another configuration"):
+    with pytest.raises(SimulationError, match=rf"another configuration \(cases {SMALL['cases']} instead of 5\)"):
         simulate(SimulationConfig(**SMALL | {"cases": 5}), tmp_path / "data", progress=False)
     assert contents(tmp_path / "data") == contents(dataset_dir)
 

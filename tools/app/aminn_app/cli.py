@@ -88,7 +88,7 @@ def simulate(
 ) -> None:
     """Simulate grasps under load and write a labelled data set; or, with --gallery or --card, look at a finished one.
 
-    A finished data set is looked at as it is, unless an option says what else is to be simulated.
+    With --gallery or --card a finished data set is taken as it is, unless an option says what is to be simulated.
     """
     from .simulation import run_card, run_gallery, run_simulation, simulation_settings
 
@@ -230,7 +230,7 @@ def export(checkpoint: Path, data: Path, out: Path, prefix: str, name: str | Non
 @click.option(
     "--build",
     "build_dir",
-    type=EXISTING,
+    type=click.Path(path_type=Path, file_okay=False),
     default=Path("build/host"),
     show_default=True,
     help="Compiled runtime: a build folder, or the prefix that it is installed with.",

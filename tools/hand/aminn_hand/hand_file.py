@@ -64,14 +64,18 @@ class CouplingTable(_Table):
     ratio: float = 1.0
 
 
+Compliance = Annotated[float, Field(gt=0, le=0.01)]
+"""m/N; 10 mm give way under 1 N is more than any fingertip does."""
+
+
 class ContactTable(_Table):
     """How the fingertips touch."""
 
     model: Literal["point", "soft_finger"] = "point"
     """`point`: a contact passes on a force. `soft_finger`: and a moment about its normal."""
-    torsional_friction_m: PositiveFloat = 0.003
+    torsional_friction_m: Annotated[float, Field(gt=0, le=0.1)] = 0.003
     """Of soft fingers: greatest moment over normal force."""
-    compliance_m_N: PositiveFloat | dict[str, PositiveFloat] | None = None
+    compliance_m_N: Compliance | dict[str, Compliance] | None = None
     """Nominal give of a contact along its normal, of all branches or by branch; default: the engine's own."""
 
 
@@ -120,7 +124,7 @@ class HandFile(_Table):
     coupling: tuple[CouplingTable, ...] = ()
     tool_axis: Vector3 | None = None
     """Which way the long axis of a tool lies, in the palm's frame; default: along the wider group of fingertips."""
-    length_m: PositiveFloat = 0.1
+    length_m: Annotated[float, Field(ge=0.005, le=2)] = 0.1
     """Characteristic length: what a rotation of 1 rad counts as."""
     contact: ContactTable = ContactTable()
     synergy: SynergyTable | None = None

@@ -106,7 +106,8 @@ def find_runtime(folder: Path, hand: Path | None = None) -> RuntimePlace:
     if not (folder / "bin" / "aminn_replay").is_file():
         raise AminnError(
             f"{folder}: neither a build folder of the C runtime (no CMakeCache.txt) nor a prefix that it is installed "
-            "in (no bin/aminn_replay); `make install PREFIX=DIR` makes one"
+            "in (no bin/aminn_replay); `make setup-host` makes build/host in the checkout, `make install PREFIX=DIR` "
+            "an installed one: give either as --build"
         )
     sources = folder / _INSTALLED_SOURCES
     missing = [str(sources / name) for name in REPLAY_SOURCES if not (sources / name).is_file()]
