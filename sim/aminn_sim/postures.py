@@ -95,7 +95,7 @@ def find_synergy(hand: Hand, closing: tuple[Array, Array], reach_m: Array) -> Sy
     neutral = postures.mean(0)
     _, sizes, axes = np.linalg.svd(postures - neutral, full_matrices=False)
     axes = axes[: max(1, min(len(NAMES), int(np.sum(sizes**2 > LEAST_SHARE * np.sum(sizes**2)))))]
-    opening = np.array([_gap(hand, neutral + 0.02 * a) - _gap(hand, neutral - 0.02 * a) for a in axes])
+    opening = np.array([hand.gap(neutral + 0.02 * a) - hand.gap(neutral - 0.02 * a) for a in axes])
     order = np.argsort(-np.abs(opening))  # the axis that opens most is the size; a larger one opens
     axes = (axes * np.where(opening < 0, -1.0, 1.0)[:, None])[order]
     half = np.abs((postures - neutral) @ axes.T).max(0)
@@ -106,11 +106,6 @@ def find_synergy(hand: Hand, closing: tuple[Array, Array], reach_m: Array) -> Sy
         tuple((1 / (half * _within(neutral, axes * half[:, None], low + 0.6 * margin, high - 0.6 * margin))).tolist()),
         ((-1.0, 1.0),) * len(axes),
     )
-
-
-def _gap(hand: Hand, q: Array) -> float:
-    tips, (first, second) = hand.tips(q), hand.sides
-    return float(np.linalg.norm(tips[list(first)].mean(0) - tips[list(second)].mean(0)))
 
 
 def _within(neutral: Array, steps: Array, low: Array, high: Array) -> float:

@@ -12,7 +12,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import combinations, pairwise, product
+from itertools import pairwise, product
 from pathlib import Path
 
 import numpy as np
@@ -816,16 +816,12 @@ class _Reader:
         return ["thumb" if b == alone else "fingers" for b in range(len(points))]
 
     def _refuse_opening(self, hand: Hand, postures: list[Array]) -> None:
-        """Closed, the fingertips of two groups have to be nearer to each other than open."""
-        apart, own = [], list(zip(hand.branches, hand.branch_joints, strict=True))
-        facing = [(i, j) for i, j in combinations(range(len(own)), 2) if own[i][0].group != own[j][0].group]
-        for q in postures:
-            tips = [branch.moved(q[at], np.array(branch.tip_point_m)) for branch, at in own]
-            apart.append(float(np.mean([np.linalg.norm(tips[i] - tips[j]) for i, j in facing])))
-        if apart[1] > apart[0]:
+        """Closed, the fingertips that face each other have to be nearer to each other than open."""
+        opened, closed = (1e3 * hand.gap(q) for q in postures)
+        if closed > opened:
             raise self.fail(
-                f"closing: fingertips that face each other are {1e3 * apart[0]:.0f} mm apart in the open posture and "
-                f"{1e3 * apart[1]:.0f} mm in the closed one; are the two exchanged?"
+                f"closing: fingertips that face each other are {opened:.0f} mm apart in the open posture and "
+                f"{closed:.0f} mm in the closed one; are the two exchanged?"
             )
 
     def _postures(self, file: HandFile, hand: Hand) -> tuple[Array, Array]:

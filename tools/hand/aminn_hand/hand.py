@@ -413,6 +413,11 @@ class Hand:
             [b.moved(q[at], np.array(b.tip_point_m)) for b, at in zip(self.branches, self.branch_joints, strict=True)]
         )
 
+    def gap(self, q: Array) -> float:
+        """Distance, m, between the middles of both sides' pad points at joint angles q (J)."""
+        tips, (first, second) = self.tips(q), self.sides
+        return float(np.linalg.norm(tips[list(first)].mean(0) - tips[list(second)].mean(0)))
+
     def coupled(self, q: Array) -> Array:
         """The joint angles (J) nearest to q at which the couplings are at rest."""
         q = q.copy()
