@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError
 from aminn_hand import Branch, Hand
+from aminn_hand.theta import Theta
 
 Array = NDArray[np.float64]
 FRICTION = 0.75
@@ -68,6 +69,39 @@ def nominal_of(hand: Hand) -> Nominal:
     eps_m = np.array([b.eps_m for b in hand.branches])
     radius = hand.contact.torsional_friction_m / FRICTION if hand.contact.torsional_friction_m > 0 else LEAST_RADIUS_M
     return Nominal(chol, direction, gain, hand.coordinate_mask, eps_m, radius**2 / eps_m, axis, anchor)
+
+
+def stiffness_terms(hand: Hand) -> Array:
+    """What each part adds to springs and gains, (1 + S, B, C (C + 1)/2 + 1), N.m/rad.
+
+    With theta, springs and gains of the hand are row 0 + sum over the S stiffnesses of theta of exp(theta) times its row:
+    of each branch K_b packed as its Cholesky factor is, then the gain of the gated tendon.
+    """
+    theta, width = Theta(hand), hand.dims.coordinates
+    rows, cols = np.transpose(hand.dims.cholesky_entries)
+    terms = np.zeros((1 + theta.stiff, hand.dims.branches, len(rows) + 1))
+    for b, branch in enumerate(hand.branches):
+        n = len(branch.coordinates)
+
+        def add(row: int, arm: Array, stiffness: float, b: int = b, n: int = n) -> None:
+            whole = np.concatenate([np.zeros(width - n), arm])
+            terms[row, b, :-1] += stiffness * np.outer(whole, whole)[rows, cols]
+
+        terms[0, b, :-1] = np.diag([1.0] * (width - n) + [0.0] * n)[rows, cols]
+        for coupling in branch.couplings:
+            add(0, np.array(coupling.ratio), coupling.stiffness_Nm_rad)
+        for i, c in enumerate(branch.coordinates):
+            for kind, value in (("spring", c.spring_Nm_rad), ("servo", c.servo_Nm_rad)):
+                if value > 0:
+                    add(1 + theta.index[kind, c.joint], np.eye(n)[i], value)
+        for i, tendon in enumerate(branch.tendons):
+            if tendon.stiffness_N_m > 0:
+                row, arm = 1 + theta.index["tendon", tendon.name], np.array(tendon.arm_m)
+                if i == branch.gated_tendon:
+                    terms[row, b, -1] = tendon.stiffness_N_m * arm @ arm
+                else:
+                    add(row, arm, tendon.stiffness_N_m)
+    return terms
 
 
 def _cholesky(hand: Hand, branch: Branch, springs: Array) -> Array:
