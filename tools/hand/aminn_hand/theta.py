@@ -1,7 +1,7 @@
 """A hand's mechanics parameters theta: by how much one hand differs from its description. Zero is nominal.
 
 theta (P) holds, in this order: logarithms of factors on joint springs, servos and tendons; on each branch's contact
-compliance; offsets of joint zeros, rad (true angle minus measured one); the fingertips' radius beyond the stated one, m.
+compliance; offsets of joint zeros, rad (true angle minus measured one); the tips' radius beyond the stated one, m.
 Like parts share a parameter: of one kind, in branches of one group, at the same place of the branch, with the same
 nominal value.
 

@@ -74,7 +74,7 @@ def nominal_of(hand: Hand) -> Nominal:
 def stiffness_terms(hand: Hand) -> Array:
     """What each part adds to springs and gains, (1 + S, B, C (C + 1)/2 + 1), N.m/rad.
 
-    With theta, springs and gains of the hand are row 0 + sum over the S stiffnesses of theta of exp(theta) times its row:
+    Springs and gains with theta are row 0 + sum over its S stiffnesses of exp(theta) times their row:
     of each branch K_b packed as its Cholesky factor is, then the gain of the gated tendon.
     """
     theta, width = Theta(hand), hand.dims.coordinates
