@@ -1,0 +1,9 @@
+"""What a lab can measure of its pushes: one documented table, its files, its checks, and what stands in for sensors."""
+
+from .checks import Fault, TableError, check
+from .columns import Column, columns_of
+from .fallbacks import complete
+from .read import FORMATS, read_table
+from .write import write_table
+
+__all__ = ["FORMATS", "Column", "Fault", "TableError", "check", "columns_of", "complete", "read_table", "write_table"]

@@ -1,0 +1,73 @@
+"""Write a table of pushes; the same arrays give the same bytes."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from aminn_base.errors import AminnError
+from aminn_base.files import write_atomically
+from aminn_base.read import AnyPath
+from aminn_hand import Hand
+
+from .columns import DTYPES, PALM, Arrays, column_of, columns_of, numbers, shapes_of
+from .read import FORMATS, FRAME
+
+
+def write_table(path: AnyPath, hand: Hand, arrays: Arrays) -> None:
+    """Write arrays (leading dimension n) as a table, in the format that the end of the name says.
+
+    CSV and Parquet have a column a number, HDF5 an array a name. Columns that are NaN in every row are left out of CSV
+    and Parquet. Raises AminnError for another name, WriteError where it cannot be written.
+    """
+    path = Path(path)
+    kind = FORMATS.get(path.suffix.lower())
+    if kind is None:
+        raise AminnError(f"{path}: tables are {', '.join(FORMATS)}; give the file one of these ends")
+    shapes = shapes_of(hand)
+    if unknown := sorted(set(arrays) - set(shapes)):
+        raise AminnError(f"{unknown[0]} is no array of a table; there are {', '.join(shapes)}")
+    typed: Arrays = {k: np.asarray(arrays[k], DTYPES.get(k, np.float64)) for k in shapes if k in arrays}
+    write_atomically(path, {"CSV": _csv, "Parquet": _parquet, "HDF5": _hdf5}[kind](hand, typed))
+
+
+def _columns(hand: Hand, arrays: Arrays) -> dict[str, NDArray]:
+    found = {c.name: numbers(arrays[c.array], c.at) for c in columns_of(hand) if c.array in arrays}
+    return {name: v for name, v in found.items() if v.dtype.kind != "f" or not len(v) or not np.isnan(v).all()}
+
+
+def _csv(hand: Hand, arrays: Arrays) -> bytes:
+    columns, out = _columns(hand, arrays), io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(columns)
+    texts = [
+        ["" if v != v else str(v) if isinstance(v, str) else repr(v) for v in c.tolist()] for c in columns.values()
+    ]
+    writer.writerows(zip(*texts, strict=True))
+    return f"# {FRAME} = {PALM}\n{out.getvalue()}".encode()
+
+
+def _parquet(hand: Hand, arrays: Arrays) -> bytes:
+    columns = {k: pa.array(v.tolist() if v.dtype.kind == "O" else v) for k, v in _columns(hand, arrays).items()}
+    sink = pa.BufferOutputStream()
+    pq.write_table(pa.table(columns).replace_schema_metadata({FRAME: PALM}), sink)
+    return bytes(sink.getvalue())
+
+
+def _hdf5(hand: Hand, arrays: Arrays) -> bytes:
+    out = io.BytesIO()
+    with h5py.File(out, "w", libver=("v110", "v110")) as file:
+        file.attrs[FRAME] = PALM
+        for name, values in arrays.items():
+            text = h5py.string_dtype() if values.dtype.kind == "O" else None
+            rows = file.create_dataset(name, data=values, dtype=text, track_times=False)
+            own = [column_of(hand, name, at).name for at in np.ndindex(values.shape[1:])]
+            rows.attrs["columns"] = np.array(own, h5py.string_dtype())
+    return out.getvalue()
