@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from . import _core
 from .errors import SimulationError
+from .scene import LEAST_CONTACT_LOG
 
 TOOL_FAMILIES: tuple[str, ...] = _core.TOOL_FAMILIES
 RANGES: dict[str, tuple[float, float]] = {
@@ -14,6 +17,8 @@ RANGES: dict[str, tuple[float, float]] = {
     "cases": (1, 1_000_000),
     "seed": (0, 2**64 - 1),
     "shard_grasps": (1, 1_000_000),
+    "vary_mechanics": (0, -LEAST_CONTACT_LOG),
+    "grasps_per_hand": (1, 2**32),
     **_core.OPTION_RANGES,
 }
 """Least and greatest value of every number of the configuration."""
@@ -36,6 +41,12 @@ class SimulationConfig:
     """Grasps a shard file; the last shard may hold fewer."""
     families: tuple[str, ...] = TOOL_FAMILIES
     """Tool families to draw from: cylinder, capsule, ellipsoid, screwdriver (grip with a round butt, and shaft)."""
+    vary_mechanics: float = 0.0
+    """Half range of the logarithms of factors on springs, servos, tendons and contact compliances, uniform."""
+    grasps_per_hand: int = 1
+    """So many grasps in a row are one hand's, with the same factors."""
+    mechanics: Mapping[str, float] = field(default_factory=dict)
+    """Logarithms of factors by parameter of the hand, those that `vary_mechanics` draws around; 0 where not named."""
 
     radius_min_m: float = 0.008
     """Least radius (half thickness between the fingers) of a tool; which one it gets follows from the posture."""
@@ -115,21 +126,25 @@ class SimulationConfig:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "families", tuple(self.families))
+        object.__setattr__(self, "mechanics", dict(sorted(self.mechanics.items())))
         self._check_numbers()
         self._check_ranges()
 
     def _check_numbers(self) -> None:
-        for field in dataclasses.fields(self):
-            value = getattr(self, field.name)
-            if field.name == "families":
+        for name, value in self.mechanics.items():
+            if not _is_number(value) or not math.isfinite(value):
+                raise SimulationError(f"configuration: mechanics.{name} is {value!r}, expected a finite number")
+        for own in dataclasses.fields(self):
+            value = getattr(self, own.name)
+            if own.name in ("families", "mechanics"):
                 continue
-            if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value:
-                raise SimulationError(f"configuration: {field.name} is {value!r}, expected a finite number")
-            if field.type == "int" and not isinstance(value, int):
-                raise SimulationError(f"configuration: {field.name} is {value!r}, expected an integer")
-            low, high = RANGES[field.name]
+            if not _is_number(value):
+                raise SimulationError(f"configuration: {own.name} is {value!r}, expected a finite number")
+            if own.type == "int" and not isinstance(value, int):
+                raise SimulationError(f"configuration: {own.name} is {value!r}, expected an integer")
+            low, high = RANGES[own.name]
             if not low <= value <= high:
-                raise SimulationError(f"configuration: {field.name} is {value}, expected {low:g} to {_text(high)}")
+                raise SimulationError(f"configuration: {own.name} is {value}, expected {low:g} to {_text(high)}")
 
     def _check_ranges(self) -> None:
         unknown = [f for f in self.families if f not in TOOL_FAMILIES]
@@ -183,6 +198,10 @@ class SimulationConfig:
     def family_indices(self) -> list[int]:
         """Indices of `families` in `TOOL_FAMILIES`, in the order given."""
         return [TOOL_FAMILIES.index(name) for name in self.families]
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and value == value
 
 
 def _text(bound: float) -> str:

@@ -10,6 +10,7 @@ from .current_mujoco import CurrentGrasp, import_mujoco
 from .errors import SimulationError
 from .open_hand import OpenHand
 from .theory import relative_error
+from .vary import theta_of
 
 
 def crosscheck(config: SimulationConfig, opened: OpenHand, seed: int, grasps: int = 40, cases: int = 4) -> dict:
@@ -23,8 +24,9 @@ def crosscheck(config: SimulationConfig, opened: OpenHand, seed: int, grasps: in
     shifts = []
     for index in range(grasps):
         family = families[index % len(families)]
-        session = _core.Session(simulator, options, seed, 0, index, index, [family])
-        other = CurrentGrasp(opened, session.scene())
+        theta = theta_of(config, opened.hand, index)
+        session = _core.Session(simulator, options, seed, 0, index, index, [family], theta)
+        other = CurrentGrasp(opened, session.scene(), numbers=() if theta is None else simulator.numbers(theta))
         shifts.append(float(np.linalg.norm(other.load(np.zeros(6), config.ramp_s, config.hold_s)[:3])))
         for _ in range(cases):
             case = session.next_case()

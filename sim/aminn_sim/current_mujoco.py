@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib
 import os
 import sys
+from collections.abc import Sequence
 from types import ModuleType
 from typing import Any
 
@@ -56,8 +57,10 @@ def rotation_vector(rotation: Array) -> Array:
 class CurrentGrasp:
     """One grasp, set up in the current MuJoCo from the MJCF and from what `Session.scene` gives."""
 
-    def __init__(self, opened: OpenHand, scene: dict, offscreen: int = 0) -> None:
-        """`offscreen` pixels a side make room for pictures."""
+    def __init__(
+        self, opened: OpenHand, scene: dict, offscreen: int = 0, numbers: Sequence[tuple[str, int, float]] = ()
+    ) -> None:
+        """`offscreen` pixels a side make room for pictures; `numbers` are those of `Simulator.numbers`, if any."""
         self.mujoco = import_mujoco()
         understood = opened.understood
         parts = understood.parts
@@ -75,6 +78,8 @@ class CurrentGrasp:
             raise SimulationError(
                 f"{understood.source}: MuJoCo {self.mujoco.__version__} does not take this model: {error}"
             ) from error
+        if numbers:
+            self._vary([name for names in parts.tips for name in names], f"{parts.prefix}tool_0", numbers)
         self.data = self.mujoco.MjData(self.model)
         self.scene = scene
         self.restore()
@@ -101,6 +106,16 @@ class CurrentGrasp:
             spec.delete(geom)
         body.explicitinertial = True
         body.mass, body.inertia = scene["mass_kg"], scene["inertia_kgm2"]
+
+    def _vary(self, tips: Sequence[str], tool: str, numbers: Sequence[tuple[str, int, float]]) -> None:
+        """Let the fingertips' contact parameters rule in place of the tool's, and set `numbers`."""
+        model, other = self.model, self.model.geom(tool).id
+        for tip in (model.geom(name).id for name in tips):
+            for array in ("geom_condim", "geom_friction", "geom_solimp", "geom_solref"):
+                getattr(model, array)[tip] = getattr(model, array)[other]
+            model.geom_priority[tip] = model.geom_priority[other] + 1
+        for array, index, value in numbers:
+            getattr(model, array).reshape(-1)[index] = value
 
     def restore(self) -> None:
         """The settled grasp, without a load."""

@@ -17,6 +17,9 @@ from dataclasses import dataclass
 from functools import partial
 from types import ModuleType
 
+import numpy as np
+from numpy.typing import NDArray
+
 from . import _core
 from .config import SimulationConfig
 from .errors import SimulationError
@@ -41,6 +44,8 @@ class ShardTask:
     grasps: int
     open_simulator: Callable[[], _core.Simulator]
     """Makes the simulator where the shard is simulated. Raises SimulationError where that is another one than here."""
+    theta: NDArray[np.float64] | None = None
+    """(grasps, P) mechanics parameters of each grasp's hand; None: as described."""
 
     @property
     def cases(self) -> int:
@@ -68,6 +73,7 @@ def simulate_task(task: ShardTask, simulator: _core.Simulator, threads: int, pro
             threads,
             config.family_indices(),
             progress,
+            task.theta,
         )
     except (RuntimeError, ValueError) as error:
         raise SimulationError(f"shard {task.number}: {error}") from error

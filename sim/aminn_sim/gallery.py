@@ -31,6 +31,7 @@ from .errors import SimulationError
 from .open_hand import OpenHand, open_hand
 from .read import SimulatedData, read_data
 from .simulate import config_sha256
+from .vary import theta_of
 
 Array = NDArray[np.float64]
 
@@ -132,8 +133,12 @@ def _draw(
     sample = {name: values[row] for name, values in data.samples.items()}
     number = int(sample["grasp_id"])
     shard, index = divmod(number, config.shard_grasps)
-    session = _core.Session(simulator, config.options(), config.seed, shard, index, number, config.family_indices())
-    grasp = CurrentGrasp(opened, session.scene(), offscreen=PIXELS * FINER)
+    theta = theta_of(config, opened.hand, number)
+    session = _core.Session(
+        simulator, config.options(), config.seed, shard, index, number, config.family_indices(), theta
+    )
+    numbers = () if theta is None else simulator.numbers(theta)
+    grasp = CurrentGrasp(opened, session.scene(), offscreen=PIXELS * FINER, numbers=numbers)
     before = _pose(grasp, sample["q"])
     after = _loaded(grasp, sample)
     reference = max(float(np.linalg.norm(p.contact_forces, axis=1).max(initial=0.0)) for p in (before, after))

@@ -16,6 +16,7 @@ from aminn_hand.hand import Hand
 from . import _core
 from .errors import SimulationError
 from .understand import Understood, understand
+from .vary import acts_on
 
 
 def models_folder() -> Path:
@@ -59,7 +60,7 @@ class OpenHand:
             why = next((n for n in u.notes if "synergy" in n), "none is told")
             raise SimulationError(f"{self.path}: no postures to draw grasps from: {why}")
         try:
-            return _core.Simulator(u.scene, u.assets, u.hand, u.parts)
+            return _core.Simulator(u.scene, u.assets, u.hand, u.parts, acts_on(u.hand))
         except _core.MujocoError as error:
             raise SimulationError(f"{self.path}: the hand cannot be simulated with a tool: {error}") from error
 

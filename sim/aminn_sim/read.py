@@ -74,7 +74,7 @@ def read_data(folder: AnyPath) -> SimulatedData:
     try:
         manifest = read_json(folder / "manifest.json", "the manifest of a data set")
         require(folder / "manifest.json", manifest, MANIFEST_KEYS, "simulate the data set again")
-        schema = groups_of(Hand.from_dict(manifest["hand"]))
+        schema = groups_of(Hand.from_dict(manifest["hand"]), "theta_names" in manifest)
         groups: dict[str, list[dict[str, Array]]] = {group: [] for group in schema}
         before = 0
         for shard in manifest["shards"]:

@@ -7,6 +7,7 @@ whatever the model says; the tool's contact parameters count for every contact o
 from __future__ import annotations
 
 import copy
+import math
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 
@@ -16,6 +17,9 @@ Vector = tuple[float, ...]
 TIMESTEP_S = 1e-3
 CONTACT_TIME_S, CONTACT_IMPEDANCE = 0.004, (0.95, 0.99, 0.001)
 """Of every contact of the tool: time constant (critically damped); impedance when it opens, and from a depth (m) on."""
+LEAST_CONTACT_LOG = 2 * math.log(2 * TIMESTEP_S / CONTACT_TIME_S)
+"""Least logarithm of a factor on a contact's compliance, which goes with the square of its time constant: the engine
+takes none below two time steps."""
 TOOL_GEOMS = 3
 """Primitives that a tool may be made of."""
 TOUCHES_ALL = str(2**31 - 1)

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from aminn_hand.hand import N_CONTACT_FEATURE, Hand
+from aminn_hand.theta import Theta
 
 from . import _core
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 
 
 @dataclass(frozen=True)
@@ -34,8 +35,16 @@ NOISE_FIELDS: dict[str, Field] = {
 }
 
 
-def groups_of(hand: Hand) -> dict[str, dict[str, Field]]:
-    """Fields of each group of a shard, in the order in which they are written."""
+def theta_fields(hand: Hand) -> dict[str, Field]:
+    """Of /grasps where hands differ from their description."""
+    return {
+        "theta": Field((len(Theta(hand)),), "1, rad, m", "", "mechanics parameters: the manifest's `theta_names`"),
+        "hand_id": Field((), "1", "", "grasps of one number are of one hand, with one theta", "i8"),
+    }
+
+
+def groups_of(hand: Hand, varied: bool = False) -> dict[str, dict[str, Field]]:
+    """Fields of each group of a shard, in the order in which they are written; varied: hands have a theta."""
     dims, axes = hand.dims, hand.synergy.axes if hand.synergy else ()
     b, c, j, t, s = dims.branches, dims.coordinates, dims.joints, dims.tendons, len(axes)
     samples = {
@@ -118,14 +127,15 @@ def groups_of(hand: Hand) -> dict[str, dict[str, Field]]:
         "x_ht": Field((6,), "m, rad", "H", "tool pose of the settled grasp"),
         "contacts": Field((b, N_CONTACT_FEATURE), "1, m, 1, N", "H", "contacts of the settled grasp, as in /samples"),
     }
+    grasps |= theta_fields(hand) if varied else {}
     return {"samples": samples, "grasps": grasps, "noise": NOISE_FIELDS}
 
 
-def field_table(hand: Hand) -> dict[str, dict]:
+def field_table(hand: Hand, varied: bool = False) -> dict[str, dict]:
     """The manifest's `fields`: plain names for /samples, with their group for the others."""
     named = {
         name if group == "samples" else f"{group}/{name}": field
-        for group, fields in groups_of(hand).items()
+        for group, fields in groups_of(hand, varied).items()
         for name, field in fields.items()
     }
     return {

@@ -32,6 +32,7 @@ from aminn_base.files import refuse_inputs, write_atomically, write_json
 from aminn_base.lock import locked_folder, read_shared
 from aminn_base.read import AnyPath
 from aminn_hand.hand import Hand
+from aminn_hand.theta import Theta
 
 from . import _core
 from .config import TOOL_FAMILIES, SimulationConfig
@@ -39,6 +40,7 @@ from .engines import Engine, ShardTask, find_engine
 from .errors import OutdatedDataError, SimulationError
 from .open_hand import OpenHand, open_hand
 from .schema import SCHEMA_VERSION, Field, field_table, groups_of
+from .vary import draw_theta, hand_ids, is_varied, known_mechanics
 
 # To be raised with every change of the C++ part that changes what is simulated.
 PROTOCOL_VERSION = 2
@@ -113,7 +115,8 @@ def simulate(
         raise SimulationError(f"threads is {threads}, expected 0 (all cores) to {THREADS_MAX}")
     run = find_engine(engine)
     opened = open_hand(hand)
-    for note in opened.understood.notes if progress else ():
+    config, left_out = known_mechanics(config, opened.hand)
+    for note in (*opened.understood.notes, *left_out) if progress else ():
         tqdm.write(f"note: {note}", file=sys.stderr)
     simulator = opened.simulator()
     check_options(config, simulator)
@@ -152,8 +155,10 @@ class _Work:
             if self.recorded:
                 self._record()
             (self.out / MANIFEST).unlink(missing_ok=True)  # it would describe shards that are about to change
+        open_simulator = partial(_open_simulator, config, self.digest, hand)
         tasks = [
-            ShardTask(config, n, self.sizes[n], partial(_open_simulator, config, self.digest, hand)) for n in self.todo
+            ShardTask(config, n, self.sizes[n], open_simulator, draw_theta(config, self.hand, self._grasps(n)))
+            for n in self.todo
         ]
         total = config.grasps * config.cases
         done = total - sum(self.sizes[n] for n in self.todo) * config.cases
@@ -181,6 +186,11 @@ class _Work:
             "dataset_threads": threads,
         }
 
+    def _grasps(self, number: int) -> range:
+        """Ids of the grasps of a shard."""
+        first = number * self.config.shard_grasps
+        return range(first, first + self.sizes[number])
+
     def _keep(self, task: ShardTask, result: dict) -> None:
         """Write a shard. Its hash is on record before it is there: no shard is ever without."""
         attributes: dict[str, int | str] = {
@@ -189,6 +199,9 @@ class _Work:
             "shard": task.number,
             "n_grasps": task.grasps,
         }
+        if task.theta is not None:
+            ids = hand_ids(self.config, self._grasps(task.number))
+            result["grasps"] = result["grasps"] | {"theta": task.theta, "hand_id": ids}
         content, name = shard_bytes(result, attributes, self.hand), shard_name(task.number)
         self.recorded[name] = hashlib.sha256(content).hexdigest()
         self._record()
@@ -230,7 +243,7 @@ class _Work:
             )
         if count < wanted:
             return False
-        expected = number * self.config.shard_grasps + np.arange(count)
+        expected = np.array(self._grasps(number))
         sha256 = self.recorded.get(path.name, "")
         if not (np.array_equal(ids, expected) and np.array_equal(of_samples, expected)) or (
             sha256 and hashlib.sha256(content).hexdigest() != sha256
@@ -368,7 +381,7 @@ def shard_bytes(arrays: dict[str, Arrays], attributes: dict[str, int | str], han
     with h5py.File(image, "w", libver=("earliest", "v110")) as file:
         for name, value in attributes.items():
             file.attrs[name] = value
-        for group, fields in groups_of(hand).items():
+        for group, fields in groups_of(hand, "theta" in arrays["grasps"]).items():
             for name, array in _checked(group, fields, arrays[group]).items():
                 file.create_dataset(f"{group}/{name}", data=array, track_times=False)
     return image.getvalue()
@@ -399,7 +412,9 @@ def build_manifest(config: SimulationConfig, digest: str, hand: Hand, out: Path,
         "shards": shards,
         "n_samples": sum(s["n_samples"] for s in shards),
         "n_grasps": sum(s["n_grasps"] for s in shards),
-        "fields": field_table(hand),
+        "fields": field_table(hand, is_varied(config)),
+        "origin": "simulated",
+        **({"theta_names": list(Theta(hand).names)} if is_varied(config) else {}),
         "tool_families": list(TOOL_FAMILIES),
         "reasons": list(_core.REASONS),
         "rejection_reasons": list(_core.REJECTIONS),

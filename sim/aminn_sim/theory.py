@@ -18,11 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aminn_hand.hand import Hand, rotation
+from aminn_hand.theta import Theta
 
 from . import _core
 from .config import SimulationConfig
 from .errors import SimulationError
 from .statics import CAPSULE, CYLINDER, TWIST_RAD_NM, Contact, displacement, surface_curvature
+from .vary import theta_of
 
 Array = NDArray[np.float64]
 T = TypeVar("T")
@@ -121,16 +123,20 @@ def relative_error(predicted: Array, simulated: Array) -> Array:
 
 
 def predict_samples(hand: Hand, samples: dict[str, Array], grasps: dict[str, Array]) -> Array:
-    """`predict` for every sample (n, 6)."""
-    mechanics = TrueMechanics.of(hand)
+    """`predict` for every sample (n, 6), with the mechanics of its grasp's hand where the data set varies them."""
     order = np.argsort(grasps["grasp_id"])
     row = order[np.searchsorted(grasps["grasp_id"][order], samples["grasp_id"])]
     tension = grasps["tendon_tension_N"][row]
+    thetas, which = np.zeros((1, len(Theta(hand)))), np.zeros(len(row), int)
+    if "theta" in grasps:
+        thetas, which = np.unique(grasps["theta"], axis=0, return_inverse=True)
+        which = which.ravel()[row]
+    mechanics = [TrueMechanics.of(Theta(hand).varied(theta)) for theta in thetas]
     return np.stack(
         [
-            predict(mechanics, jx, jq, c, t, w)[0]
-            for jx, jq, c, t, w in zip(
-                samples["j_x"], samples["j_q"], samples["contacts"], tension, samples["w_e"], strict=True
+            predict(mechanics[m], jx, jq, c, t, w)[0]
+            for m, jx, jq, c, t, w in zip(
+                which, samples["j_x"], samples["j_q"], samples["contacts"], tension, samples["w_e"], strict=True
             )
         ]
     )
@@ -170,14 +176,14 @@ def branch_turns(hand: Hand, dq: Array) -> Array:
 
 
 class Grasp:
-    """A simulated grasp with the statics beside it."""
+    """A simulated grasp of a configuration, with the statics of its hand beside it."""
 
     def __init__(self, hand: Hand, simulator: _core.Simulator, config: SimulationConfig, index: int) -> None:
-        families = config.family_indices()
-        self.session = _core.Session(simulator, config.options(), config.seed, 0, index, index, families)
+        families, theta = config.family_indices(), theta_of(config, hand, index)
+        self.session = _core.Session(simulator, config.options(), config.seed, 0, index, index, families, theta)
         self.state = {k: v[0] for k, v in self.session.grasp().items()}
-        self.hand = hand
-        self.mechanics = TrueMechanics.of(hand)
+        self.hand = hand if theta is None else Theta(hand).varied(theta)
+        self.mechanics = TrueMechanics.of(self.hand)
 
     def formula(self, w_e: Array, eps_m: float | None = None) -> tuple[Array, Array]:
         """Displacement (6) and turns of the joints (J)."""

@@ -105,7 +105,8 @@ int steps_of(double seconds, double dt)
 GraspWorker::GraspWorker(const Prototype &prototype, const Options &options, std::uint64_t seed,
                          const std::atomic<bool> *stop)
     : model_(copy_model(*prototype.model)), data_(make_data(*prototype.model)), hand_(prototype.hand),
-      options_(options), synergy_(prototype.synergy), seed_(seed), random_(0, 0, 0), stop_(stop)
+      options_(options), synergy_(prototype.synergy), mechanics_(prototype.mechanics), seed_(seed), random_(0, 0, 0),
+      stop_(stop)
 {
     check_options(options_, model_->opt.timestep);
 }
@@ -257,6 +258,8 @@ bool GraspWorker::place(const std::vector<int> &families, int number)
         return reject(Rejection::no_fit);
 
     install_tool(*m, *d, hand_, state_.tool);
+    if (varied_)
+        mechanics_.rule_contacts(*m, hand_);
     pose_hand();
     const Pose H = hand_.palm(*d);
     const Vec3 p = H.p + H.R * placed_.p;
@@ -505,8 +508,13 @@ bool GraspWorker::attempt(const std::vector<int> &families, int number)
 }
 
 const GraspState &GraspWorker::make(std::uint64_t shard, std::uint64_t index, std::int64_t grasp_id,
-                                    const std::vector<int> &families)
+                                    const std::vector<int> &families, const Vector &theta)
 {
+    varied_ = theta.size() > 0;
+    if (varied_) {
+        mechanics_.write(*model_, theta);
+        hand_.read_stiffness(*model_);
+    }
     random_ = Random(seed_, shard, index);
     state_ = GraspState();
     state_.grasp_id = grasp_id;

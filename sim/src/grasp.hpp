@@ -1,7 +1,7 @@
 // One grasp: made from the synergy space, released, settled, saved; then loaded again and again from the saved state.
 #pragma once
 
-#include "hand.hpp"
+#include "mechanics.hpp"
 #include "options.hpp"
 #include "random.hpp"
 #include "sobol.hpp"
@@ -116,6 +116,7 @@ struct Prototype {
     ModelPtr model;
     Hand hand;
     Synergy synergy;
+    Mechanics mechanics;
 };
 
 // Thrown out of a grasp or a load case that is no longer wanted.
@@ -133,10 +134,11 @@ class GraspWorker {
     GraspWorker(const Prototype &prototype, const Options &options, std::uint64_t seed,
                 const std::atomic<bool> *stop = nullptr);
 
-    // Makes the grasp of (seed, shard, index); `families` are those to draw from. The state afterwards is the settled
-    // one. Throws std::runtime_error if no attempt succeeds.
+    // Makes the grasp of (seed, shard, index); `families` are those to draw from. `theta` has the hand's mechanics
+    // parameters: for every grasp of a worker, or, empty, for none. The state afterwards is the settled one. Throws
+    // std::runtime_error if no attempt succeeds.
     const GraspState &make(std::uint64_t shard, std::uint64_t index, std::int64_t grasp_id,
-                           const std::vector<int> &families);
+                           const std::vector<int> &families, const Vector &theta);
     // The next random load of this grasp's stream.
     Load draw_load();
     // Whether the next case is one of those simulated again; one draw of the stream.
@@ -207,6 +209,8 @@ class GraspWorker {
     Hand hand_;
     Options options_;
     Synergy synergy_;
+    Mechanics mechanics_;
+    bool varied_ = false; // the model is that of a theta
     std::uint64_t seed_;
     Sobol sobol_;
     Random random_;

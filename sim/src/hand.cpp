@@ -52,14 +52,20 @@ double extent(const mjModel &m, int geom, const Vec3 &y)
     }
 }
 
-Drive read_drive(const mjModel &m, int a)
+void read_force_law(const mjModel &m, Drive &drive)
 {
-    Drive drive;
-    drive.actuator = a;
+    const int a = drive.actuator;
     const bool affine = m.actuator_biastype[a] == mjBIAS_AFFINE;
     drive.gain = m.actuator_gainprm[a * mjNGAIN];
     drive.stiffness = affine ? -m.actuator_biasprm[a * mjNBIAS + 1] : 0;
     drive.offset = affine ? m.actuator_biasprm[a * mjNBIAS] : 0;
+}
+
+Drive read_drive(const mjModel &m, int a)
+{
+    Drive drive;
+    drive.actuator = a;
+    read_force_law(m, drive);
     drive.gear = m.actuator_gear[6 * a];
     const bool limited = m.actuator_forcelimited[a];
     const double endless = std::numeric_limits<double>::infinity();
@@ -161,6 +167,7 @@ Hand::Hand(const mjModel &m, const HandParts &parts)
         read_drives(m, *d, branch, parts.branches[b].tendons);
     }
     groups = static_cast<int>(named.size());
+    read_stiffness(m);
 }
 
 void Hand::read_branch(const mjModel &m, const BranchParts &parts)
@@ -180,7 +187,6 @@ void Hand::read_branch(const mjModel &m, const BranchParts &parts)
         branch.qpos.push_back(m.jnt_qposadr[joint]);
         branch.low_rad[c] = m.jnt_range[2 * joint];
         branch.high_rad[c] = m.jnt_range[2 * joint + 1];
-        branch.spring_Nm_rad[c] = m.jnt_stiffness[joint];
         branch.spring_reference_rad[c] = m.qpos_spring[branch.qpos.back()];
         qpos.push_back(branch.qpos.back());
         dof.push_back(branch.dof.back());
@@ -197,7 +203,6 @@ void Hand::read_drives(const mjModel &m, const mjData &d, Branch &branch, const 
 {
     for (const std::string &name : names) {
         Tendon t{id_of(m, mjOBJ_TENDON, name), {}, {}, 0, 0};
-        t.stiffness_N_m = m.tendon_stiffness[t.tendon];
         t.relaxed_m = m.tendon_lengthspring[t.tendon];
         for (int a = 0; a < m.nu; ++a)
             if (m.actuator_trntype[a] == mjTRN_TENDON && m.actuator_trnid[2 * a] == t.tendon) {
@@ -237,6 +242,18 @@ void Hand::read_drives(const mjModel &m, const mjData &d, Branch &branch, const 
                 branch.pressed[at(c)] = false;
             }
     branch.by_coordinate = outwards(m, d, branch);
+}
+
+void Hand::read_stiffness(const mjModel &m)
+{
+    for (Branch &branch : branches) {
+        for (int c = 0; c < branch.coordinates(); ++c)
+            branch.spring_Nm_rad[c] = m.jnt_stiffness[branch.joint[at(c)]];
+        for (Drive &drive : branch.drives)
+            read_force_law(m, drive);
+    }
+    for (Tendon &tendon : tendons)
+        tendon.stiffness_N_m = m.tendon_stiffness[tendon.tendon];
 }
 
 Pose Hand::tool_in_palm(const mjData &d) const

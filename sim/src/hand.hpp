@@ -141,6 +141,8 @@ class Hand {
     Vec3 tip_in_palm(const mjData &d, int branch) const;
     Pinch pinch(const mjModel &m, const mjData &d) const;
     Vector joints(const mjData &d) const;
+    // Takes the stiffnesses of springs, tendons and drives from the model again.
+    void read_stiffness(const mjModel &m);
     // B of the closure: velocity of the fingertip's material point `c` (m, H) for unit rates of its coordinates.
     Jacobian branch_jacobian(const mjData &d, int branch, const Vec3 &c) const;
 

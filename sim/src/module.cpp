@@ -6,9 +6,12 @@
 
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/function.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/pair.h>
+#include <nanobind/stl/tuple.h>
 
 #include <chrono>
+#include <optional>
 #include <tuple>
 
 using namespace nanobind::literals;
@@ -17,6 +20,7 @@ namespace aminn::sim {
 namespace {
 
 using InVector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using InRows = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 
 // A number or text of a Python object.
 template <class T>
@@ -59,6 +63,15 @@ HandParts parts_of(const nb::handle &hand, const nb::handle &scene)
     return out;
 }
 
+// Of tuples (kind, part, place in theta).
+std::vector<ParameterPart> parameters_of(const nb::handle &list)
+{
+    std::vector<ParameterPart> out;
+    for (const auto &[kind, part, parameter] : nb::cast<std::vector<std::tuple<std::string, std::string, int>>>(list))
+        out.push_back({kind, part, parameter});
+    return out;
+}
+
 Synergy synergy_of(const nb::handle &synergy)
 {
     const auto vector = [](const std::vector<double> &x) {
@@ -89,6 +102,39 @@ Vector in_vector(const InVector &x, Eigen::Index n, const char *name)
     if (!v.allFinite())
         throw std::invalid_argument(std::string(name) + " is not finite");
     return v;
+}
+
+void check_theta(const Eigen::Ref<const Eigen::MatrixXd> &theta, const Mechanics &mechanics)
+{
+    if (theta.cols() < mechanics.parameters())
+        throw std::invalid_argument("theta has " + std::to_string(theta.cols()) + " numbers, expected at least " +
+                                    std::to_string(mechanics.parameters()));
+    if (!theta.allFinite())
+        throw std::invalid_argument("theta is not finite");
+}
+
+// Mechanics parameters of so many grasps, a row each; no rows where none are given.
+Eigen::MatrixXd in_theta(const std::optional<InRows> &theta, int grasps, const Mechanics &mechanics)
+{
+    if (!theta)
+        return Eigen::MatrixXd();
+    if (theta->shape(0) != static_cast<std::size_t>(grasps))
+        throw std::invalid_argument("theta has " + std::to_string(theta->shape(0)) + " rows, expected " +
+                                    std::to_string(grasps));
+    using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+    Eigen::MatrixXd out = Eigen::Map<const RowMajor>(theta->data(), grasps, static_cast<Eigen::Index>(theta->shape(1)));
+    check_theta(out, mechanics);
+    return out;
+}
+
+// Those of one grasp; empty where none are given.
+Vector in_theta(const std::optional<InVector> &theta, const Mechanics &mechanics)
+{
+    if (!theta)
+        return Vector();
+    Vector out = Eigen::Map<const Vector>(theta->data(), static_cast<Eigen::Index>(theta->shape(0)));
+    check_theta(out.transpose(), mechanics);
+    return out;
 }
 
 Array<double> out_array(const Eigen::Ref<const Eigen::MatrixXd> &x)
@@ -137,20 +183,23 @@ class Simulator {
   public:
     // `files` by name, `scene` the one that the engine begins with. Below /dev/null the engine finds no others.
     Simulator(const std::map<std::string, std::string> &files, const std::string &scene, const HandParts &parts,
-              const Synergy &synergy)
-        : prototype_{load_files(files, "/dev/null/" + scene), Hand(), synergy}
+              const Synergy &synergy, const std::vector<ParameterPart> &parameters)
+        : prototype_{load_files(files, "/dev/null/" + scene), Hand(), synergy, Mechanics()}
     {
         prototype_.hand = Hand(*prototype_.model, parts);
         soften(*prototype_.model, prototype_.hand, parts.torsional_friction_m);
+        prototype_.mechanics = Mechanics(*prototype_.model, prototype_.hand, parameters);
     }
 
     nb::dict shard(const Options &options, std::uint64_t seed, std::uint64_t shard, std::int64_t first_grasp_id,
-                   int grasps, int cases, int threads, const std::vector<int> &families, nb::object progress) const
+                   int grasps, int cases, int threads, const std::vector<int> &families, nb::object progress,
+                   const std::optional<InRows> &theta) const
     {
         if (grasps < 1 || cases < 1 || threads < 1)
             throw std::invalid_argument("grasps, cases and threads must be at least 1");
         check_families(families);
-        const ShardRequest request{seed, shard, first_grasp_id, grasps, cases, threads, families};
+        const ShardRequest request{seed,  shard,   first_grasp_id, grasps,
+                                   cases, threads, families,       in_theta(theta, grasps, prototype_.mechanics)};
         const auto poll = [&](int done) {
             const nb::gil_scoped_acquire gil;
             if (PyErr_CheckSignals() != 0)
@@ -177,6 +226,15 @@ class Simulator {
     Widths widths() const
     {
         return widths_of(prototype_.hand, prototype_.synergy);
+    }
+    // What theta makes of the model: array, index, value.
+    nb::list numbers(const InVector &theta) const
+    {
+        const Vector drawn = in_theta(theta, prototype_.mechanics);
+        nb::list out;
+        for (const Mechanics::Number &n : prototype_.mechanics.numbers())
+            out.append(nb::make_tuple(n.name, n.index, n.at(drawn)));
+        return out;
     }
     // Distance of the fingertips' surfaces across the pinch (m) in the posture of psi.
     double gap(const InVector &psi) const
@@ -210,12 +268,14 @@ class Simulator {
 class Session {
   public:
     Session(const Simulator &simulator, const Options &options, std::uint64_t seed, std::uint64_t shard,
-            std::uint64_t index, std::int64_t grasp_id, const std::vector<int> &families)
+            std::uint64_t index, std::int64_t grasp_id, const std::vector<int> &families,
+            const std::optional<InVector> &theta)
         : worker_(simulator.prototype(), options, seed), widths_(simulator.widths())
     {
         check_families(families);
+        const Vector drawn = in_theta(theta, simulator.prototype().mechanics);
         const nb::gil_scoped_release free;
-        worker_.make(shard, index, grasp_id, families);
+        worker_.make(shard, index, grasp_id, families, drawn);
     }
 
     nb::dict grasp() const
@@ -519,31 +579,35 @@ NB_MODULE(_core, m)
         .def(
             "__init__",
             [](Simulator *self, const std::string &text, const nb::dict &assets, const nb::object &hand,
-               const nb::object &scene) {
+               const nb::object &scene, const nb::object &parameters) {
                 static constexpr const char *kScene = "scene.xml";
                 std::map<std::string, std::string> files = bytes_by_name(assets);
                 files[kScene] = text;
-                new (self) Simulator(files, kScene, parts_of(hand, scene), synergy_of(hand.attr("synergy")));
+                new (self) Simulator(files, kScene, parts_of(hand, scene), synergy_of(hand.attr("synergy")),
+                                     parameters_of(parameters));
             },
-            "text"_a, "assets"_a, "hand"_a, "scene"_a,
+            "text"_a, "assets"_a, "hand"_a, "scene"_a, "parameters"_a = nb::tuple(),
             "text: MJCF of hand, base and tool; assets: files that it names; hand: aminn_hand.Hand; scene: the names "
-            "of "
-            "the parts that are not the hand's (prefix, palm, tips, forward).")
+            "of the parts that are not the hand's (prefix, palm, tips, forward); parameters: (kind, part, place in "
+            "theta) of what mechanics parameters act on.")
         .def("shard", &Simulator::shard, "options"_a, "seed"_a, "shard"_a, "first_grasp_id"_a, "grasps"_a, "cases"_a,
-             "threads"_a, "families"_a, "progress"_a = nb::none(),
+             "threads"_a, "families"_a, "progress"_a = nb::none(), "theta"_a = nb::none(),
              "Simulate a shard: dict of samples, grasps and noise (dicts of arrays) and of the engine's steps. Same "
-             "result "
-             "for any number of threads. progress(cases done) is called from this thread; what it raises stops it.")
+             "result for any number of threads. progress(cases done) is called from this thread; what it raises stops "
+             "it. theta: mechanics parameters, a row a grasp.")
         .def("check", &Simulator::check, "options"_a,
              "Raise ValueError, with the option's name, where they cannot be simulated with this model.")
+        .def("numbers", &Simulator::numbers, "theta"_a,
+             "(array of mjModel, index, value) of every number that theta scales.")
         .def("gap", &Simulator::gap, "psi"_a, "Distance of the fingertips across the pinch (m) at psi.")
         .def("psi_of", &Simulator::psi_of, "q"_a, "Synergy coordinates of joint angles q (rad).")
         .def("posture_of", &Simulator::posture_of, "psi"_a, "Joint angles (rad) of synergy coordinates.");
 
     nb::class_<Session>(m, "Session", "One grasp, to be loaded and examined.")
         .def(nb::init<const Simulator &, const Options &, std::uint64_t, std::uint64_t, std::uint64_t, std::int64_t,
-                      const std::vector<int> &>(),
-             "simulator"_a, "options"_a, "seed"_a, "shard"_a, "index"_a, "grasp_id"_a, "families"_a)
+                      const std::vector<int> &, const std::optional<InVector> &>(),
+             "simulator"_a, "options"_a, "seed"_a, "shard"_a, "index"_a, "grasp_id"_a, "families"_a,
+             "theta"_a = nb::none())
         .def("grasp", &Session::grasp)
         .def("load", &Session::load, "w_e"_a, "recheck"_a = false)
         .def("next_case", &Session::next_case)

@@ -89,8 +89,9 @@ class Job {
     void one_grasp(GraspWorker &worker, int g)
     {
         const auto slot = static_cast<std::size_t>(g);
-        result_.grasps[slot] =
-            worker.make(request_.shard, static_cast<std::uint64_t>(g), request_.first_grasp_id + g, request_.families);
+        const Vector theta = request_.theta.rows() > 0 ? Vector(request_.theta.row(g)) : Vector();
+        result_.grasps[slot] = worker.make(request_.shard, static_cast<std::uint64_t>(g), request_.first_grasp_id + g,
+                                           request_.families, theta);
         for (int i = 0; i < request_.cases && !stop_; ++i) {
             const Load load = worker.draw_load();
             result_.cases[slot].push_back(worker.load(load, worker.draw_recheck()));

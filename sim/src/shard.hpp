@@ -12,6 +12,7 @@ struct ShardRequest {
     std::int64_t first_grasp_id = 0;
     int grasps = 0, cases = 0, threads = 1;
     std::vector<int> families;
+    Eigen::MatrixXd theta; // a row a grasp; no rows: nominal
 };
 
 struct ShardResult {

@@ -63,7 +63,7 @@ def test_other_seeds_give_other_grasps(dataset_dir: Path, tmp_path: Path) -> Non
 def test_manifest_describes_the_shards(dataset_dir: Path) -> None:
     data = read_data(dataset_dir)
     manifest, samples, grasps = data.manifest, data.samples, data.grasps
-    assert manifest["schema_version"] == 3 and manifest["simulator"].startswith("MuJoCo 2.2")
+    assert manifest["schema_version"] == 4 and manifest["simulator"].startswith("MuJoCo 2.2")
     assert manifest["n_samples"] == len(samples["stable"]) == SMALL["grasps"] * SMALL["cases"]
     assert manifest["n_grasps"] == len(grasps["grasp_id"]) == SMALL["grasps"]
     assert manifest["config"]["seed"] == manifest["seed"] == SMALL["seed"]

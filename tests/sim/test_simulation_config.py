@@ -14,6 +14,7 @@ def test_defaults_are_those_of_the_compiled_part() -> None:
     config, options = SimulationConfig(), _core.Options()
     assert {n: getattr(config, n) for n in _core.OPTION_RANGES} == {n: getattr(options, n) for n in _core.OPTION_RANGES}
     python_only = {"grasps", "cases", "seed", "shard_grasps", "families"}
+    python_only |= {"vary_mechanics", "grasps_per_hand", "mechanics"}
     assert {f.name for f in dataclasses.fields(config)} == python_only | set(_core.OPTION_RANGES)
 
 
@@ -48,6 +49,8 @@ def test_options_carry_every_value() -> None:
         ({"noise_share": 1.5}, "noise_share is 1.5, expected 0 to 1"),
         ({"drift_stop_m_s": 1e-3}, "drift_stop_m_s 0.001 is above drift_max_m_s"),
         ({"stop_factor": 0.5}, "stop_factor is 0.5"),
+        ({"vary_mechanics": -0.1}, "vary_mechanics is -0.1, expected 0 to 1.38629"),
+        ({"mechanics": {"contact_thumb": math.inf}}, "mechanics.contact_thumb is inf, expected a finite number"),
     ],
 )
 def test_impossible_configurations_say_why(change: dict, message: str) -> None:

@@ -211,7 +211,7 @@ def write_dataset(path: Path, grasps: int = 60, cases: int = 8, seed: int = 0, o
         "n_grasps": grasps,
         "sha256": hashlib.sha256((path / "shard-00000.h5").read_bytes()).hexdigest(),
     }
-    manifest = {"schema_version": 3, "seed": seed, "tool_families": FAMILIES,
+    manifest = {"schema_version": 4, "seed": seed, "tool_families": FAMILIES,
                 "config_sha256": hashlib.sha256(f"{grasps} {cases} {seed}".encode()).hexdigest(), "hand": h.as_dict(),
                 "shards": [shard], "n_samples": grasps * cases, "n_grasps": grasps}  # fmt: skip
     (path / "manifest.json").write_text(json.dumps(manifest))

@@ -132,7 +132,7 @@ def test_a_selection_is_another_data_set(dataset: Dataset) -> None:
         (lambda p: (p / "manifest.json").unlink(), "no manifest.json"),
         (break_manifest, "not valid JSON"),
         (lambda p: (p / "manifest.json").write_text("[]"), "not the manifest of a data set"),
-        (lambda p: (p / "manifest.json").write_text('{"schema_version": 3}'), "shards, hand, n_samples"),
+        (lambda p: (p / "manifest.json").write_text('{"schema_version": 4}'), "shards, hand, n_samples"),
         (other_schema, "schema_version is 99.*newer AMINN"),
         (flip_a_bit, "damaged"),
         (lambda p: (p / "shard-00000.h5").unlink(), "missing"),

@@ -67,6 +67,20 @@ def main() -> None:
     help="Any other number of the configuration, e.g. friction_min=0.6; may be repeated. The names are the fields of "
     "aminn_sim.SimulationConfig.",
 )
+@click.option(
+    "--vary",
+    "variations",
+    multiple=True,
+    metavar="NAME=HALF_RANGE",
+    help="What differs from hand to hand: mechanics=0.5 draws stiffnesses and contact compliances within exp(+-0.5). "
+    "--set grasps_per_hand=40 gives each hand so many grasps in a row.",
+)
+@click.option(
+    "--mechanics",
+    type=READABLE,
+    default=None,
+    help='Simulate this hand: JSON with {"theta": {NAME: VALUE}}, as aminn calibrate writes it. --vary is about it.',
+)
 @click.option("--gallery", type=click.IntRange(1), default=None, help="Then draw so many grasps, in DIR/gallery.")
 @click.option("--card", is_flag=True, help="Then write the data card, DIR/card.html.")
 @click.pass_context
@@ -83,6 +97,8 @@ def simulate(
     json_file: Path | None,
     hand: Path | None,
     changes: tuple[str, ...],
+    variations: tuple[str, ...],
+    mechanics: Path | None,
     gallery: int | None,
     card: bool,
 ) -> None:
@@ -90,13 +106,22 @@ def simulate(
 
     With --gallery or --card a finished data set is taken as it is, unless an option says what is to be simulated.
     """
-    from .simulation import run_card, run_gallery, run_simulation, simulation_settings
+    from .simulation import (
+        read_mechanics,
+        run_card,
+        run_gallery,
+        run_simulation,
+        simulation_settings,
+        variation_settings,
+    )
 
-    decisive = ("grasps", "cases", "seed", "shard_grasps", "families", "changes")
+    decisive = ("grasps", "cases", "seed", "shard_grasps", "families", "changes", "variations", "mechanics")
     asked = any(context.get_parameter_source(name) is not click.core.ParameterSource.DEFAULT for name in decisive)
     if asked or not (gallery or card) or not (out / "manifest.json").exists():
         settings: dict[str, object] = {"shard_grasps": shard_grasps, "families": families or None}
-        given = {name: value for name, value in settings.items() if value is not None} | simulation_settings(changes)
+        given = {name: value for name, value in settings.items() if value is not None}
+        given |= simulation_settings(changes) | variation_settings(variations)
+        given |= {"mechanics": read_mechanics(mechanics)} if mechanics else {}
         manifest = run_simulation(out, grasps, cases, seed, threads, engine, hand, json_file, **given)
         click.echo(f"{manifest['n_samples']} load cases of {manifest['n_grasps']} grasps in {out}")
     if gallery:

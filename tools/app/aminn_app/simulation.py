@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from aminn_base.errors import AminnError
+from aminn_base.read import read_json
 
 # Fields of the configuration that `--set` leaves to an option of their own.
 OWN_OPTIONS = {
@@ -17,7 +19,11 @@ OWN_OPTIONS = {
     "seed": "--seed",
     "shard_grasps": "--shard-grasps",
     "families": "--family",
+    "vary_mechanics": "--vary",
+    "mechanics": "--mechanics",
 }
+VARIED = {"mechanics": "vary_mechanics"}
+"""Fields of the configuration by what `--vary` calls them."""
 
 
 def simulation_settings(changes: Sequence[str]) -> dict[str, float]:
@@ -27,24 +33,51 @@ def simulation_settings(changes: Sequence[str]) -> dict[str, float]:
     """
     from aminn_sim import SimulationConfig
 
-    whole = {f.name: f.type == "int" for f in dataclasses.fields(SimulationConfig) if f.name not in OWN_OPTIONS}
-    out: dict[str, float] = {}
     for change in changes:
-        name, equals, text = (part.strip() for part in change.partition("="))
+        name = change.partition("=")[0].strip()
         if name in OWN_OPTIONS:
             raise AminnError(f"--set {change}: {name} has an option of its own; give {OWN_OPTIONS[name]}")
+    whole = {f.name: f.type == "int" for f in dataclasses.fields(SimulationConfig) if f.name not in OWN_OPTIONS}
+    return _named_numbers("--set", changes, whole, "of the configuration")
+
+
+def variation_settings(variations: Sequence[str]) -> dict[str, float]:
+    """Fields of the simulation's configuration from texts NAME=HALF_RANGE of what differs from hand to hand.
+
+    Raises AminnError as `simulation_settings` does.
+    """
+    found = _named_numbers("--vary", variations, dict.fromkeys(VARIED, False), "of what can be varied")
+    return {VARIED[name]: value for name, value in found.items()}
+
+
+def _named_numbers(option: str, texts: Sequence[str], whole: Mapping[str, bool], what: str) -> dict[str, float]:
+    """Numbers by name from texts NAME=VALUE; whole: the names that there are, and whether each is an integer."""
+    out: dict[str, float] = {}
+    for text in texts:
+        name, equals, value = (part.strip() for part in text.partition("="))
         if not equals or name not in whole:
             near = get_close_matches(name, whole, 1)
             hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(whole)}"
-            raise AminnError(f"--set {change}: expected NAME=VALUE with a name of the configuration; {hint}")
+            raise AminnError(f"{option} {text}: expected NAME=VALUE with a name {what}; {hint}")
         if name in out:
-            raise AminnError(f"--set {change}: {name} is given twice")
+            raise AminnError(f"{option} {text}: {name} is given twice")
         try:
-            out[name] = int(text) if whole[name] else float(text)
+            out[name] = int(value) if whole[name] else float(value)
         except ValueError as error:
             kind = "an integer" if whole[name] else "a number"
-            raise AminnError(f"--set {change}: {text!r} is not {kind}") from error
+            raise AminnError(f"{option} {text}: {value!r} is not {kind}") from error
     return out
+
+
+def read_mechanics(file: Path) -> dict[str, float]:
+    """Mechanics parameters by name from a JSON file with a table `theta`, as `aminn calibrate` writes it."""
+    theta = read_json(file, "a hand's mechanics parameters").get("theta")
+    if not isinstance(theta, dict):
+        raise AminnError(f'{file}: expected {{"theta": {{NAME: VALUE}}}}, as aminn calibrate writes it')
+    for name, value in theta.items():
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+            raise AminnError(f"{file}: theta.{name} is {value!r}, expected a finite number")
+    return theta
 
 
 def run_simulation(

@@ -22,10 +22,11 @@ from aminn_base.lock import read_shared
 from aminn_base.read import AnyPath, read_json, require
 from aminn_hand import Hand
 from aminn_hand.hand import N_WRENCH
+from aminn_hand.theta import Theta
 
 from ..hand.nominal import gated_tendons
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 MANIFEST_KEYS: dict[str, type] = {
     "config_sha256": str,
     "shards": list,
@@ -45,8 +46,8 @@ GROUPS = ("samples", "grasps", "noise")
 Shapes = dict[str, dict[str, tuple[int, ...]]]  # group -> field -> shape of one row
 
 
-def shapes_of(hand: Hand) -> Shapes:
-    """What the trainer reads of a shard. The manifest describes this and the rest.
+def shapes_of(hand: Hand, varied: bool = False) -> Shapes:
+    """What the trainer reads of a shard. The manifest describes this and the rest. varied: hands have a theta.
 
     /noise are load cases simulated again with half the time step and with another contact impedance ratio.
     """
@@ -66,6 +67,7 @@ def shapes_of(hand: Hand) -> Shapes:
         "friction": (),
         "tendon_tension_N": (dims.tendons,),
     }
+    grasps |= {"theta": (len(Theta(hand)),), "hand_id": ()} if varied else {}
     noise: dict[str, tuple[int, ...]] = {
         "sample": (),
         "dx_half_step": (N_WRENCH,),
@@ -78,7 +80,10 @@ def shapes_of(hand: Hand) -> Shapes:
 
 @dataclass(frozen=True)
 class Dataset:
-    """Samples (leading dimension n) and grasps (g); float64 but for `stable` (uint8) and `grasp_id` (int64)."""
+    """Samples (leading dimension n) and grasps (g); float64 but for `stable` (uint8) and `grasp_id` (int64).
+
+    Where hands differ from their description (the manifest has `theta_names`), samples have their grasp's `theta`.
+    """
 
     manifest: dict
     samples: dict[str, NDArray]
@@ -130,8 +135,9 @@ class Dataset:
         return hashlib.sha256(content.encode()).hexdigest()
 
     def inputs(self, dtype: torch.dtype = torch.float32) -> dict[str, torch.Tensor]:
-        """Model inputs as tensors."""
-        return {k: torch.as_tensor(self.samples[k]).to(dtype) for k in self.hand.dims.inputs}
+        """Model inputs as tensors; `theta` among them where the data tell it."""
+        names = [*self.hand.dims.inputs, *(["theta"] if "theta" in self.samples else [])]
+        return {k: torch.as_tensor(self.samples[k]).to(dtype) for k in names}
 
 
 def split_of(grasp_id: NDArray) -> NDArray[np.int64]:
@@ -164,7 +170,11 @@ def read_manifest(path: AnyPath) -> dict:
         if Path(shard["file"]).name != shard["file"]:
             name = shard["file"]
             raise AminnError(f"{file}: shards[{n}].file is {name!r}, expected a file beside the manifest; {ANEW}")
-    hand_of(manifest, f"{file}")
+    hand = hand_of(manifest, f"{file}")
+    if "theta_names" in manifest and manifest["theta_names"] != list(Theta(hand).names):
+        raise AminnError(
+            f"{file}: theta_names are not the parameters of its hand, {', '.join(Theta(hand).names)}; {ANEW}"
+        )
     return manifest
 
 
@@ -257,7 +267,7 @@ def load_dataset(path: AnyPath) -> Dataset:
     """Read and check the data set in folder `path`. Raises AminnError with the file and field that is wrong."""
     path = Path(path)
     manifest = read_manifest(path)
-    groups = shapes_of(hand_of(manifest, str(path)))
+    groups = shapes_of(hand_of(manifest, str(path)), "theta_names" in manifest)
     shards = [_read_shard(path, entry, groups) for entry in manifest["shards"]]
     if not shards:
         raise AminnError(f"{path}: the data set has no shards")
@@ -276,11 +286,14 @@ def load_dataset(path: AnyPath) -> Dataset:
     family = grasps["tool_family"]
     if len(family) and not (0 <= family.min() and family.max() < len(manifest["tool_families"])):
         raise AminnError(f"{path}: /grasps/tool_family is outside of the manifest's tool_families; {ANEW}")
-    for name in groups["samples"]:
+    dataset = Dataset(manifest, samples, grasps, noise)
+    if "theta_names" in manifest:
+        samples["theta"] = grasps["theta"][dataset.grasp_rows()]
+    for name in [*groups["samples"], *(["theta"] if "theta_names" in manifest else [])]:
         bad = ~np.isfinite(samples[name].reshape(len(samples[name]), -1).astype(float)).all(1)
         if bad.any():
             where = f"sample {int(np.argmax(bad))} ({int(bad.sum())} such samples)"
             raise AminnError(f"{path}: {name} is not finite in {where}; {ANEW}")
     samples["noise_row"] = np.full(len(samples["stable"]), -1)
     samples["noise_row"][noise["sample"]] = np.arange(len(noise["sample"]))
-    return Dataset(manifest, samples, grasps, noise)
+    return dataset
