@@ -18,6 +18,7 @@ import numpy as np
 
 from aminn_hand import Branch, Coordinate, Coupling, Hand, Tendon
 from aminn_hand.hand import Mirror
+from aminn_hand.theta import Theta
 
 Array = np.ndarray
 ARM_M = 0.008
@@ -173,13 +174,23 @@ def true_stiffness(h: Hand, x: dict[str, Array]) -> Array:
     return k_x
 
 
-def write_dataset(path: Path, grasps: int = 60, cases: int = 8, seed: int = 0, of: Hand | None = None) -> None:
-    """Write a data set of a hand (default: `hand()`) in the layout of the simulator."""
+def draw_theta(rng: np.random.Generator, h: Hand, size: int, half_range: float = 0.5) -> Array:
+    """Mechanics parameters (size, P): factors drawn log-uniformly, joint zeros and radius as described."""
+    theta = np.zeros((size, len(Theta(h))))
+    theta[:, : Theta(h).factors] = rng.uniform(-half_range, half_range, (size, Theta(h).factors))
+    return theta
+
+
+def write_dataset(
+    path: Path, grasps: int = 60, cases: int = 8, seed: int = 0, of: Hand | None = None, vary: float = 0.0
+) -> None:
+    """Write a data set of a hand (default: `hand()`) in the layout of the simulator; `vary` draws a theta a grasp."""
     rng, h = np.random.default_rng(seed), of or hand()
+    theta = draw_theta(np.random.default_rng([seed, 1]), h, grasps, vary)
     rows: dict[str, list[Array]] = {}
     for grasp in range(grasps):
         x = draw_inputs(rng, h)
-        k_x = true_stiffness(h, x)
+        k_x = true_stiffness(Theta(h).varied(theta[grasp]), x)
         for _ in range(cases):
             w = draw_wrench(rng)
             tension = np.maximum(rng.normal(1, 1, h.dims.tendons), 0)
@@ -200,6 +211,8 @@ def write_dataset(path: Path, grasps: int = 60, cases: int = 8, seed: int = 0, o
         capsule = [[3, 0.015, 0.035, 0, 0, 0, 0, 0.5**0.5, 0, 0.5**0.5, 0], [-1] + [0] * 10, [-1] + [0] * 10]
         file["grasps/tool_geoms"] = np.tile(np.array(capsule, float), (grasps, 1, 1))
         file["grasps/tool_size_m"] = np.tile([0.05, 0.015, 0.015], (grasps, 1))
+        if vary:
+            file["grasps/theta"], file["grasps/hand_id"] = theta, np.arange(grasps)
         again = np.arange(0, grasps * cases, 10)
         file["noise/sample"] = again
         for name, change in (("half_step", 0.999), ("impratio", 0.99)):
@@ -214,4 +227,6 @@ def write_dataset(path: Path, grasps: int = 60, cases: int = 8, seed: int = 0, o
     manifest = {"schema_version": 4, "seed": seed, "tool_families": FAMILIES,
                 "config_sha256": hashlib.sha256(f"{grasps} {cases} {seed}".encode()).hexdigest(), "hand": h.as_dict(),
                 "shards": [shard], "n_samples": grasps * cases, "n_grasps": grasps}  # fmt: skip
+    if vary:
+        manifest["theta_names"] = list(Theta(h).names)
     (path / "manifest.json").write_text(json.dumps(manifest))

@@ -17,7 +17,7 @@ import torch
 from aminn.data.dataset import Dataset, load_dataset
 from aminn.model.checkpoint import build_model
 from aminn.model.config import Kind, TrainConfig
-from aminn.training.train import _Loop, _select, _stages, mirror_of
+from aminn.training.train import _Loop, _select, _stages, mirror_of, model_config
 from aminn_base.files import write_json
 from aminn_base.program import Messages
 
@@ -28,7 +28,7 @@ def _loops(kind: Kind, data: Dataset) -> list[_Loop]:
     """Both stages of a model, each with its optimiser."""
     config = TrainConfig(kind=kind, batch=BATCH, epochs=1000)
     torch.manual_seed(config.seed)
-    model = build_model(kind, config.model, data.hand)
+    model = build_model(kind, model_config(config.model, data), data.hand)
     stages = _stages(model, config, data, data)
     mirror = mirror_of(config, data.hand)
     return [_Loop(stage, replace(config), mirror) for stage in stages]

@@ -26,7 +26,7 @@ import numpy as np
 from aminn.data.dataset import Dataset, load_dataset
 from aminn.data.regimes import REGIMES, SELECTION, known, regimes, told
 from aminn.evaluation.analysis import breakdown, compliance_figures, gate_figures, noise_figures, slip_figures
-from aminn.evaluation.evaluate import analytical, figures_of, label_figures, learned, no_motion
+from aminn.evaluation.evaluate import baselines, figures_of, label_figures, learned
 from aminn.model.checkpoint import Checkpoint
 from aminn.model.config import TrainConfig
 from aminn.training.train import LEAST_GRASPS, identity_of, train
@@ -189,7 +189,7 @@ def _still(data: Dataset) -> list[Row]:
     rows, validation = [], known(data).split("validation")
     for name, test in _tests(data, "paper", 1.0).items():
         rows.append(Row(name, "label", label_figures(test)))
-        for prediction in (analytical(test, validation), no_motion(test)):
+        for prediction in baselines(test, validation):
             rows.append(Row(name, prediction.name, figures_of(prediction, test)))
     return rows
 

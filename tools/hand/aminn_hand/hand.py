@@ -181,6 +181,8 @@ class Dims:
     gates: int
     twist: bool = False
     """Of an exported model: its head gives how much each contact resists twisting, of soft fingertips."""
+    factors: int = 0
+    """Of a told model: how many factors of theta its networks see; 0 in one that sees none."""
 
     @property
     def state(self) -> int:
@@ -209,8 +211,8 @@ class Dims:
 
     @property
     def global_input(self) -> int:
-        """q, x_ht, w_e, w_e in signed logarithm."""
-        return self.joints + 3 * N_WRENCH
+        """q, x_ht, w_e, w_e in signed logarithm; theta's factors in a told model."""
+        return self.joints + 3 * N_WRENCH + self.factors
 
     @property
     def cholesky_entries(self) -> tuple[tuple[int, int], ...]:

@@ -134,9 +134,14 @@ class Dataset:
         content += self.selection
         return hashlib.sha256(content.encode()).hexdigest()
 
+    @property
+    def has_theta(self) -> bool:
+        """Whether the data tell mechanics parameters: `samples["theta"]` (n, P)."""
+        return "theta" in self.samples
+
     def inputs(self, dtype: torch.dtype = torch.float32) -> dict[str, torch.Tensor]:
         """Model inputs as tensors; `theta` among them where the data tell it."""
-        names = [*self.hand.dims.inputs, *(["theta"] if "theta" in self.samples else [])]
+        names = [*self.hand.dims.inputs, *(["theta"] if self.has_theta else [])]
         return {k: torch.as_tensor(self.samples[k]).to(dtype) for k in names}
 
 

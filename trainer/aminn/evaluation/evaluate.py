@@ -60,7 +60,12 @@ class Evaluation:
     """What must be said beside the figures."""
 
 
-BASELINES = {"analytical": "analytical", "no_motion": "no motion", "label": "ground truth"}
+BASELINES = {
+    "analytical": "analytical",
+    "analytical_nominal": "analytical, theta unknown",
+    "no_motion": "no motion",
+    "label": "ground truth",
+}
 """What stands beside the runs in every table, and how pages call it. No run has one of these names."""
 KIND_NAMES = {"aminn": "AMINN", "mlp": "MLP"}
 
@@ -109,8 +114,8 @@ def learned(checkpoint: Checkpoint, data: Dataset, name: str) -> Prediction:
     return Prediction(name, out["dx_ht"], stable, out["p_stable"], out.get("gate"))
 
 
-def analytical(data: Dataset, validation: Dataset, config: ModelConfig | None = None) -> Prediction:
-    """Nominal springs, tendons taut, nothing learned.
+def analytical(data: Dataset, validation: Dataset, config: ModelConfig | None = None, known: bool = True) -> Prediction:
+    """Nominal springs, tendons taut, nothing learned; with the data's theta, if they have it and it is `known`.
 
     Calls a grasp stable when the predicted motion is below a bound chosen on validation data by the same rule as tau.
     """
@@ -118,15 +123,24 @@ def analytical(data: Dataset, validation: Dataset, config: ModelConfig | None = 
     backbone = Backbone(config, config.mechanics[1], data.hand)
 
     def motion(part: Dataset) -> tuple[Array, Array]:
+        x = part.inputs()
+        if not known:
+            x.pop("theta", None)
         with torch.no_grad():
-            dx = backbone.nominal_response(part.inputs()).dx
+            dx = backbone.nominal_response(x).dx
         return dx.double().numpy(), -scaled_pose(dx, data.hand.length_m).norm(dim=1).double().numpy()
 
     dx_v, score_v = motion(validation)
     error_v = pose_error(dx_v, validation.samples["dx_ht"], data.hand.length_m)
     bound = choose_tau(score_v, validation.samples["stable"] > 0, error_v)
     dx, score = motion(data)
-    return Prediction("analytical", dx, score >= bound)
+    return Prediction("analytical" if known else "analytical_nominal", dx, score >= bound)
+
+
+def baselines(data: Dataset, validation: Dataset) -> list[Prediction]:
+    """What stands beside the runs: the analytical model, where the data have theta also without it, and no motion."""
+    formulas = [analytical(data, validation, known=known) for known in (True, False) if known or data.has_theta]
+    return [*formulas, no_motion(data)]
 
 
 def no_motion(data: Dataset) -> Prediction:
@@ -219,7 +233,7 @@ def _without_training(checkpoints: list[Checkpoint], data: Dataset, trained_on: 
 def compare(checkpoints: list[Checkpoint], data: Dataset, validation: Dataset, name: str) -> Evaluation:
     """Figures on all samples of `data`; `validation` is where the analytical model takes its bound from."""
     predictions = [learned(c, data, name) for c, name in zip(checkpoints, names_of(checkpoints), strict=True)]
-    predictions += [analytical(data, validation), no_motion(data)]
+    predictions += baselines(data, validation)
     table = {p.name: figures_of(p, data) for p in predictions}
     return Evaluation(name, table, label_figures(data), {p.name: p for p in predictions}, data)
 

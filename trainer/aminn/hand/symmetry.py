@@ -2,10 +2,12 @@
 
 The plane of `hand.mirror` carries each branch onto one of the hand's. Polar vectors (positions, forces) are reflected
 in it, axial ones (rotations, moments) reflected and reversed; joint angles stay, since an axis that is mirrored and
-reversed turns the mirrored finger the same way.
+reversed turns the mirrored finger the same way. Parameters theta go to the parameters of the image's parts.
 """
 
 from __future__ import annotations
+
+from functools import cached_property
 
 import numpy as np
 import torch
@@ -15,8 +17,9 @@ from torch import Tensor
 from aminn_base.errors import AminnError
 from aminn_hand import Hand
 from aminn_hand.hand import N_WRENCH
+from aminn_hand.theta import Theta
 
-from .nominal import nominal_of
+from .nominal import nominal_of, stiffness_terms
 
 Array = NDArray[np.float64]
 
@@ -30,6 +33,7 @@ class Reflection:
                 f"hand {hand.name} has no mirror symmetry that its load cases could be shown in; leave mirror out"
             )
         _check(hand)
+        self.hand = hand
         n = np.array(hand.mirror.normal)
         self.polar: Array = np.eye(3) - 2 * np.outer(n, n)
         """(3, 3)"""
@@ -39,6 +43,31 @@ class Reflection:
         """(B) branch that each branch is the image of."""
         self.joints = [j for b in self.branches for j in range(len(hand.joints))[hand.branch_joints[b]]]
         """(J) joint that each joint is the image of."""
+
+    @cached_property
+    def parameters(self) -> list[int]:
+        """(P) parameter of theta that each one is the image of.
+
+        Raises AminnError where the image of a hand with some theta is no hand with another theta.
+        """
+        theta, terms = Theta(self.hand), stiffness_terms(self.hand)
+        image: list[int] = []
+        for p, parameter in enumerate(theta.parameters[: theta.stiff]):
+            same = [
+                r
+                for r, other in enumerate(theta.parameters[: theta.stiff])
+                if r not in image
+                and other.kind == parameter.kind
+                and np.allclose(terms[1 + p], terms[1 + r, self.branches], rtol=1e-5, atol=1e-9)
+            ]
+            if not same:
+                raise AminnError(
+                    f"hand {self.hand.name}: the parts of {parameter.name} have no mirror images that vary together "
+                    "with each other alone; train with --set mirror=false"
+                )
+            image.append(p if p in same else same[0])
+        image += [theta.stiff + b for b in self.branches]
+        return [*image, *(theta.factors + j for j in self.joints), len(theta) - 1]
 
     def _polar(self, v: Tensor) -> Tensor:
         return _reflected(v, self.polar)
@@ -51,11 +80,12 @@ class Reflection:
         return torch.cat([self._polar(v[..., :3]), self._axial(v[..., 3:])], -1)
 
     def inputs(self, x: dict[str, Tensor]) -> dict[str, Tensor]:
-        """Images of inputs, shapes as in `Dims.inputs` after the batch."""
+        """Images of inputs, shapes as in `Dims.inputs` after the batch; theta (n, P) with them if it is there."""
         touch, position, normal, force = x["contacts"].split([1, 3, 3, 1], -1)
         contacts = torch.cat([touch, self._polar(position), self._polar(normal), force], -1)
         rows_x, rows_q = (self._polar(x[name].transpose(-1, -2)).transpose(-1, -2) for name in ("j_x", "j_q"))
-        return {
+        theta = {"theta": x["theta"][:, self.parameters]} if "theta" in x else {}
+        return theta | {
             "q": x["q"][:, self.joints],
             "x_ht": self.motion(x["x_ht"]),
             "w_e": self.motion(x["w_e"]),

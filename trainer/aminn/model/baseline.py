@@ -22,6 +22,7 @@ from .network import (
     contact_spread,
     global_input,
     global_spread,
+    with_theta,
 )
 
 
@@ -52,7 +53,7 @@ class MlpStage(nn.Module):
 
     def __init__(self, config: ModelConfig, dims: Dims, budget: int, n_out: int) -> None:
         super().__init__()
-        self.spread = input_spread(dims)
+        self.spread, self.factors = input_spread(dims), dims.factors
         n_in = len(self.spread)
         width = width_for(budget, n_in, n_out)
         self.register_buffer("wrench_log_scale", torch.tensor(config.wrench_log_scale))
@@ -63,8 +64,8 @@ class MlpStage(nn.Module):
         self.out = nn.Linear(width, n_out)
 
     def network_input(self, x: dict[str, Tensor]) -> Tensor:
-        """(N, B (17 + 3C) + J + 18)."""
-        state = global_input(x["q"], x["x_ht"], x["w_e"], self.wrench_log_scale)
+        """(N, B (17 + 3C) + J + 18 + factors)."""
+        state = global_input(x, self.wrench_log_scale, self.factors)
         lever = x["j_x"][..., 3:].flatten(1)  # (N, 9B)
         return torch.cat([contact_input(x["contacts"], x["j_q"]), state, lever], -1)
 
@@ -85,12 +86,20 @@ class Mlp(nn.Module):
     def __init__(self, config: ModelConfig, hand: Hand) -> None:
         super().__init__()
         self.config, self.hand = config, hand
-        self.stage1 = MlpStage(config, hand.dims, n_parameters(Stage1(config, hand)), 1)
-        self.stage2 = MlpStage(config, hand.dims, n_parameters(Stage2(config, hand)), N_WRENCH)
+        dims = config.dims(hand)
+        self.stage1 = MlpStage(config, dims, n_parameters(Stage1(config, hand)), 1)
+        self.stage2 = MlpStage(config, dims, n_parameters(Stage2(config, hand)), N_WRENCH)
 
     def forward(
-        self, q: Tensor, x_ht: Tensor, w_e: Tensor, contacts: Tensor, j_x: Tensor, j_q: Tensor
+        self,
+        q: Tensor,
+        x_ht: Tensor,
+        w_e: Tensor,
+        contacts: Tensor,
+        j_x: Tensor,
+        j_q: Tensor,
+        theta: Tensor | None = None,
     ) -> dict[str, Tensor]:
-        """p_stable (N), dx_ht (N, 6)."""
-        x = dict(q=q, x_ht=x_ht, w_e=w_e, contacts=contacts, j_x=j_x, j_q=j_q)
+        """p_stable (N), dx_ht (N, 6). theta as for AMINN; without effect unless the model is told."""
+        x = with_theta(dict(q=q, x_ht=x_ht, w_e=w_e, contacts=contacts, j_x=j_x, j_q=j_q), theta, self.hand)
         return {"p_stable": torch.sigmoid(self.stage1(x).squeeze(-1)), "dx_ht": self.stage2(x)}

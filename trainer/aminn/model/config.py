@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, field, fields, is_dataclass
+from dataclasses import asdict, field, fields, is_dataclass, replace
 from difflib import get_close_matches
 from typing import Annotated, Any, Literal
 
@@ -25,8 +25,9 @@ from pydantic.dataclasses import dataclass as checked_dataclass
 
 from aminn_base.errors import AminnError
 from aminn_base.read import AnyPath, read_toml
-from aminn_hand import Hand
+from aminn_hand import Dims, Hand
 from aminn_hand.hand import N_WRENCH
+from aminn_hand.theta import Theta
 
 Kind = Literal["aminn", "mlp"]
 Width = Annotated[int, Field(gt=0, le=4096)]
@@ -34,7 +35,10 @@ Scale = Annotated[float, Field(gt=0, le=1e9)]
 Weight = Annotated[float, Field(ge=0, le=1e9)]
 OF_HAND = "hand"
 """How a file says that a setting is the hand's own; None in a configuration."""
+OF_DATA = "data"
+"""The same for one that follows from the training data."""
 _own = BeforeValidator(lambda value: None if value == OF_HAND else value)
+_of_data = BeforeValidator(lambda value: None if value == OF_DATA else value)
 CHECKS = ConfigDict(extra="forbid", use_attribute_docstrings=True, allow_inf_nan=False)
 
 
@@ -97,6 +101,8 @@ class ModelConfig:
     """Springs and tendons may depend on the load, not on the grasp alone."""
     soft_finger: Annotated[bool | None, _own] = None
     """Contacts resist twisting about their normals, or "hand": where the hand has soft fingertips."""
+    told: Annotated[bool | None, _of_data] = None
+    """Networks see the factors of theta, or "data": where the training data vary them. The layer follows them."""
     slip: bool = False
     """Contacts soften along their tangent planes where pass 1 uses up their friction; not exported."""
     log_range: Annotated[float, Field(gt=0, le=20)] = 2.0
@@ -113,6 +119,10 @@ class ModelConfig:
     def twists(self, hand: Hand) -> bool:
         """Whether contacts of this hand resist twisting about their normals."""
         return hand.contact.kind == "soft_finger" if self.soft_finger is None else self.soft_finger
+
+    def dims(self, hand: Hand) -> Dims:
+        """Counts of a model of this hand: with the factors of theta that it is told."""
+        return replace(hand.dims, factors=Theta(hand).factors) if self.told else hand.dims
 
 
 @checked_dataclass(frozen=True, config=CHECKS)
@@ -232,11 +242,11 @@ def _walk(config: Any, prefix: str = "") -> Iterator[tuple[str, Any, str]]:
             yield prefix + f.name, value, described[f.name].description or ""
 
 
-def _told(value: object) -> object:
+def _written(key: str, value: object) -> object:
     """A value as a file has it: TOML has no null."""
     if isinstance(value, list):
-        return [_told(v) for v in value]
-    return OF_HAND if value is None else value
+        return [_written(key, v) for v in value]
+    return (OF_DATA if key == "model.told" else OF_HAND) if value is None else value
 
 
 def as_toml(config: TrainConfig) -> str:
@@ -248,5 +258,5 @@ def as_toml(config: TrainConfig) -> str:
         if head != table:
             lines += [f"[{head}]"]
             table = head
-        lines += [f"# {' '.join(text.split())}", f"{name} = {json.dumps(_told(value))}", ""]
+        lines += [f"# {' '.join(text.split())}", f"{name} = {json.dumps(_written(key, value))}", ""]
     return "\n".join(lines)

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from aminn_base.errors import AminnError
 from aminn_hand import Hand
+from aminn_hand.theta import Theta
 
 from ..hand.nominal import nominal_of
 from .checkpoint import Checkpoint
@@ -110,6 +111,7 @@ def export_tables(checkpoint: Checkpoint) -> ExportedModel:
     constants = model.stage2.backbone.state_dict()
     tensors |= {name: constants[name].numpy() for name in _CONSTANTS if model.hand.dims.gates or name not in _TENDONS}
     tensors |= geometry_tables(model.hand)
+    tensors["theta_terms"] = model.stage2.backbone.theta_terms.numpy()
     if config.twists(model.hand):
         tensors["twist_nom"] = nominal_of(model.hand).twist
     stages = [asdict(m) for m in config.mechanics]
@@ -119,6 +121,7 @@ def export_tables(checkpoint: Checkpoint) -> ExportedModel:
     if stages[0]["dq0"] != stages[1]["dq0"]:
         raise AminnError(f"{checkpoint.path}: the stages differ in dq0; an exported model has one form for both")
     tensors = {k: np.ascontiguousarray(v, np.float32) for k, v in tensors.items()}
+    theta = Theta(model.hand)
     meta = (
         _identity(checkpoint, tensors)
         | {
@@ -130,6 +133,9 @@ def export_tables(checkpoint: Checkpoint) -> ExportedModel:
             "checkpoint_sha256": checkpoint.sha256,
             "tau": float(np.float32(checkpoint.meta["tau"])),
             "dq0": stages[0]["dq0"],
+            "told": bool(config.told),
+            "theta_names": list(theta.names),
+            "theta_units": [p.unit for p in theta.parameters],
             "length_scale": model.hand.length_m,
             "log_range": config.log_range,
             "displacement_log_scale": config.displacement_log_scale,

@@ -39,7 +39,7 @@ class Springs(NamedTuple):
 class Extras(NamedTuple):
     """What a model may add to the paper's layer; None leaves a term out."""
 
-    eps_m: Tensor | None = None  # () or (B) learned contact compliance, m/N, in place of the constant
+    eps_m: Tensor | None = None  # (), (B) or (N, B) contact compliance, m/N, in place of the constant
     twist: Tensor | None = None  # (N, B) stiffness of each contact about its normal (soft finger), N.m/rad
     slip: Tensor | None = None  # (N, B, 2) friction coefficient, and compliance gained once it is used up, m/N
     normal: Tensor | None = None  # (N, B, 3) contact normals, for twist and slip
@@ -130,6 +130,18 @@ def inverse(m: Tensor) -> Tensor:
     mixed = -product(coupling, tail)
     upper = torch.cat([head - product(mixed, coupling.transpose(0, 1)), mixed], 1)
     return torch.cat([upper, torch.cat([mixed.transpose(0, 1), tail], 1)])
+
+
+def packed_cholesky(k: Tensor, entries: tuple[tuple[int, int], ...]) -> Tensor:
+    """Cholesky factors of symmetric positive definite matrices; `entries` says where each number of k (n, ...) is."""
+    at = dict(zip(entries, k, strict=True))
+    low: dict[tuple[int, int], Tensor] = {}
+    for row, col in sorted(entries, key=lambda entry: (entry[1], entry[0])):
+        rest = at[row, col]
+        for i in range(col):
+            rest = rest - low[row, i] * low[col, i]
+        low[row, col] = rest.sqrt() if row == col else rest / low[col, col]
+    return torch.stack([low[entry] for entry in entries])
 
 
 class _Factor(NamedTuple):
@@ -240,8 +252,9 @@ def two_pass(
     mask = constants.coord_mask.to(dtype).mT[..., None]  # (C, B, 1)
     s = length_scaling(c, constants.length_m)
     w = (w_e.to(dtype) * s).mT.contiguous()  # (6, N)
-    eps_m = (constants.eps_m if extras.eps_m is None else extras.eps_m).to(dtype)  # () or (B)
-    softness = eps_m[..., None] * torch.eye(AXES, dtype=dtype)[..., None, None]  # (3, 3, 1 or B, 1)
+    eps_m = (constants.eps_m if extras.eps_m is None else extras.eps_m).to(dtype)  # (), (B) or (N, B)
+    eps_m = batch_last(eps_m) if eps_m.ndim == 2 else eps_m[..., None]
+    softness = eps_m * torch.eye(AXES, dtype=dtype)[..., None, None]  # (3, 3, 1 or B, 1 or N)
     softness = softness.expand(AXES, AXES, *minus_b.shape[2:])
     floor = torch.diag(config.eps_kx * s * s)[..., None]  # (6, 6, 1)
     if extras.twist is not None:

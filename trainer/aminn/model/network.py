@@ -2,6 +2,7 @@
 
 One `Backbone` per stage: contact summary and global state give a feature f, a linear head the numbers of each branch.
 These are corrections to the nominal springs and tendons of the hand, so that an untrained model is the analytical one.
+Mechanics parameters theta (`aminn_hand.theta`) change what is nominal for a sample; a told model's networks see them.
 Everything between SI inputs and SI outputs is inside, normalisation too. The shape of each tensor stands on its line.
 """
 
@@ -12,13 +13,15 @@ from dataclasses import replace
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from aminn_base.errors import AminnError
 from aminn_hand import Dims, Hand
 from aminn_hand.hand import LEAST_MOTION_M, N_GATE, N_WRENCH
+from aminn_hand.theta import Theta
 
-from ..hand.nominal import FRICTION, Nominal, nominal_of
+from ..hand.nominal import FRICTION, Nominal, nominal_of, stiffness_terms
 from .config import MechanicsConfig, ModelConfig
 from .mechanics import (
     AXES,
@@ -29,6 +32,7 @@ from .mechanics import (
     Springs,
     batch_first,
     length_scaling,
+    packed_cholesky,
     product,
     two_pass,
 )
@@ -53,7 +57,7 @@ def contact_spread(dims: Dims) -> tuple[float, ...]:
 def global_spread(dims: Dims) -> tuple[float, ...]:
     """Of `global_input`."""
     pose, wrench = (_LENGTH,) * 3 + (0.05,) * 3, (0.1,) * 3 + (0.005,) * 3
-    return (0.05,) * dims.joints + pose + wrench + (0.1,) * N_WRENCH
+    return (0.05,) * dims.joints + pose + wrench + (0.1,) * N_WRENCH + (0.1,) * dims.factors
 
 
 class Normaliser(nn.Module):
@@ -83,9 +87,26 @@ def contact_input(contacts: Tensor, j_q: Tensor) -> Tensor:
     return u.flatten(1)
 
 
-def global_input(q: Tensor, x_ht: Tensor, w_e: Tensor, wrench_log_scale: Tensor) -> Tensor:
-    """Global state: (N, J + 18)."""
-    return torch.cat([q, x_ht, w_e, slog(w_e, wrench_log_scale)], -1)
+def global_input(x: dict[str, Tensor], wrench_log_scale: Tensor, factors: int) -> Tensor:
+    """Global state and as many of theta's factors as the model is told: (N, J + 18 + factors)."""
+    q, w_e = x["q"], x["w_e"]
+    state = [q, x["x_ht"], w_e, slog(w_e, wrench_log_scale)]
+    if factors:
+        state.append(x["theta"][:, :factors] if "theta" in x else q.new_zeros(len(q), factors))
+    return torch.cat(state, -1)
+
+
+def with_theta(x: dict[str, Tensor], theta: Tensor | None, hand: Hand) -> dict[str, Tensor]:
+    """The inputs with theta (P) or (N, P), if it is given, as (N, P). Raises AminnError for another shape."""
+    if theta is None:
+        return x
+    n, size = len(x["q"]), len(Theta(hand))
+    if tuple(theta.shape) not in ((size,), (n, size)):
+        raise AminnError(
+            f"theta has shape {tuple(theta.shape)}, expected ({size},) or ({n}, {size}): a number for each of the "
+            f"{size} parameters of hand {hand.name}, in the order of Theta(hand).names"
+        )
+    return x | {"theta": theta.to(x["q"].dtype).expand(n, size)}
 
 
 # Centre of what the optional head predicts.
@@ -108,6 +129,16 @@ def _uniform(nominal: Nominal) -> Nominal:
     return replace(nominal, chol=chol, tendon_dir=np.zeros_like(nominal.tendon_dir), tendon_gain=gain)
 
 
+def theta_terms(config: ModelConfig, hand: Hand) -> NDArray[np.float64]:
+    """`stiffness_terms`; for free heads, which know nothing of the hand's stiffness, theta changes none of it."""
+    terms = stiffness_terms(hand)
+    if config.heads == "free":
+        start = _uniform(nominal_of(hand))
+        terms[:] = 0
+        terms[0, :, :-1], terms[0, :, -1] = start.chol**2, start.tendon_gain  # the factor is diagonal
+    return terms
+
+
 class Backbone(nn.Module):
     """One stage: feature f and the two-pass response."""
 
@@ -124,7 +155,7 @@ class Backbone(nn.Module):
 
     def __init__(self, config: ModelConfig, mechanics: MechanicsConfig, hand: Hand) -> None:
         super().__init__()
-        self.config, self.mechanics, self.dims, nominal = config, mechanics, hand.dims, nominal_of(hand)
+        self.config, self.mechanics, self.dims, nominal = config, mechanics, config.dims(hand), nominal_of(hand)
         dims = self.dims
         if mechanics.dq0 == "inverse" and dims.coordinates != AXES:
             raise AminnError(
@@ -150,6 +181,9 @@ class Backbone(nn.Module):
         self.gated = tuple(bool(gain > 0) for gain in nominal.tendon_gain)
         self.length_m = hand.length_m
         self.twist_start = torch.tensor(nominal.twist, dtype=torch.float32)
+        self.theta_terms = torch.tensor(theta_terms(config, hand))  # (1 + S, B, C(C+1)/2 + 1)
+        self.stiff = slice(0, len(self.theta_terms) - 1)
+        self.contacts = slice(self.stiff.stop, self.stiff.stop + dims.branches)
         start = nominal if config.heads == "correction" else _uniform(nominal)
         constants = {
             "wrench_log_scale": config.wrench_log_scale,
@@ -165,23 +199,36 @@ class Backbone(nn.Module):
     def fit_normalisers(self, x: dict[str, Tensor]) -> None:
         """Take the normalisation constants from training inputs."""
         self.contact_norm.fit(contact_input(x["contacts"], x["j_q"]), contact_spread(self.dims))
-        seen = global_input(x["q"], x["x_ht"], x["w_e"], self.wrench_log_scale)
+        seen = global_input(x, self.wrench_log_scale, self.dims.factors)
         self.global_norm.fit(seen, global_spread(self.dims))
 
     def features(self, x: dict[str, Tensor]) -> Tensor:
         """f (N, width): contact summary fused with the global state."""
         touch = self.contact_norm(contact_input(x["contacts"], x["j_q"]))  # (N, B (8 + 3C))
         summary = torch.relu(self.contact(touch))  # (N, HC)
-        state = self.global_norm(global_input(x["q"], x["x_ht"], x["w_e"], self.wrench_log_scale))  # (N, J + 18)
+        state = self.global_norm(global_input(x, self.wrench_log_scale, self.dims.factors))  # (N, J + 18 + factors)
         hidden = torch.relu(self.trunk1(torch.cat([summary, state], -1)))  # (N, H)
         return torch.relu(self.trunk2(hidden))  # (N, H)
 
-    def springs(self, f: Tensor) -> Springs:
-        """The mechanics head: corrections to the nominal hand from f (N, width)."""
-        return self.springs_from_head(self.head(f))
+    def nominal(self, theta: Tensor | None = None) -> tuple[Tensor, Tensor]:
+        """Packed Cholesky factors (C(C+1)/2, B, N) and gains (B, N) of the hand with theta (N, P).
 
-    def springs_from_head(self, y: Tensor) -> Springs:
-        """Springs and tendons from raw head outputs y (N, `Dims.head`); zeros give the nominal hand.
+        Without theta they are tables of the hand's own, with 1 for N.
+        """
+        if theta is None:
+            return self.chol_nom.mT[..., None], self.tendon_gain_nom[:, None]
+        terms = self.theta_terms.to(self.precision).movedim(0, -1).transpose(0, 1)  # (C(C+1)/2 + 1, B, 1 + S)
+        factor = theta[:, self.stiff].mT.to(self.precision).exp()  # (S, N)
+        k = terms[..., :1] + (terms[..., 1:].flatten(0, 1) @ factor).unflatten(0, terms.shape[:2])
+        like = self.chol_nom.dtype
+        return packed_cholesky(k[:-1], self.dims.cholesky_entries).to(like), k[-1].to(like)
+
+    def springs(self, f: Tensor, theta: Tensor | None = None) -> Springs:
+        """The mechanics head: corrections to the nominal hand from f (N, width)."""
+        return self.springs_from_head(self.head(f), theta)
+
+    def springs_from_head(self, y: Tensor, theta: Tensor | None = None) -> Springs:
+        """Springs and tendons from raw head outputs y (N, `Dims.head`); zeros give the nominal hand, with theta (N, P).
 
         Each branch's are in the order of `Dims.head_parts`.
         """
@@ -190,7 +237,7 @@ class Backbone(nn.Module):
         part = dict(zip(dims.head_parts, y.split([p.stop - p.start for p in dims.head_parts.values()]), strict=True))
         ld, lo = part["diagonal"], part["below"]
         mask, r = self.coord_mask.mT[..., None], self.config.log_range  # (C, B, 1)
-        nominal = self.chol_nom.mT[..., None]  # (C(C+1)/2, B, 1)
+        nominal, gain = self.nominal(theta)
         rows, cols = ([entry[k] for entry in dims.cholesky_entries[count:]] for k in (0, 1))
         diag = nominal[:count] * torch.exp(r * torch.tanh(ld) * mask)  # (C, B, N)
         size = (nominal[rows] * nominal[cols]).sqrt()
@@ -199,18 +246,18 @@ class Backbone(nn.Module):
         zero = torch.zeros_like(entries[0, 0])
         square = [entries.get((i, j), zero) for i in range(count) for j in range(count)]
         lower = torch.stack(square).unflatten(0, (count, count))  # (C, C, B, N)
-        tendons = self._tendons(part, mask) if dims.gates else self._no_tendons(diag)
+        tendons = self._tendons(part, mask, gain) if dims.gates else self._no_tendons(diag)
         return Springs(*map(batch_first, (product(lower, lower.transpose(0, 1)), *tendons)))
 
-    def _tendons(self, part: dict[str, Tensor], mask: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Direction (C, B, N), gain (B, N) and gate parameters (3, B, N) from parts of the raw head outputs."""
+    def _tendons(self, part: dict[str, Tensor], mask: Tensor, nominal: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Direction (C, B, N), gain (B, N) and gate parameters (3, B, N) from head outputs and nominal gains (B, N)."""
         d, k, al, be, rh = (part[name] for name in ("direction", "gain", "alpha", "beta", "rho"))
         if not all(self.gated):
             mask = mask * torch.tensor(self.gated, dtype=mask.dtype)[:, None]  # no direction where there is no tendon
         r = self.config.log_range
         v = (self.tendon_dir_nom.mT[..., None] + d) * mask  # (C, B, N)
         direction = v / torch.sqrt((v * v).sum(0) + 1e-12)
-        gain = self.tendon_gain_nom[:, None] * torch.exp(r * torch.tanh(k[0]))  # (B, N)
+        gain = nominal * torch.exp(r * torch.tanh(k[0]))  # (B, N)
         alpha = self.gate_nom[0] * torch.exp(r * torch.tanh(al))  # (1, B, N)
         return direction, gain, torch.cat([alpha, self.gate_nom[1] * be, self.gate_nom[2] + rh])  # (3, B, N)
 
@@ -226,19 +273,32 @@ class Backbone(nn.Module):
 
     def extras(self, f: Tensor, x: dict[str, Tensor]) -> Extras:
         """The terms beyond the paper's layer that this configuration has, from f (N, width)."""
-        extras = Extras(normal=x["contacts"][..., 4:7], normal_force=x["contacts"][..., 7])
+        eps_m = self._compliance(x)
         if self.mechanics.learn_eps_m:
             change = self.eps_m_change.exp()
-            extras = extras._replace(eps_m=self.eps_m_start.to(change.dtype) * change)
+            eps_m = (self.eps_m_start if eps_m is None else eps_m).to(change.dtype) * change
+        extras = Extras(eps_m, normal=x["contacts"][..., 4:7], normal_force=x["contacts"][..., 7])
         if self.twist_head is not None:
             factor = torch.exp(2 * self.config.log_range * torch.tanh(self.twist_head(f)))  # (N, B)
-            extras = extras._replace(twist=self.twist_start * factor)
+            extras = extras._replace(twist=self._twist(x) * factor)
         if self.slip_head is not None:
             raw = torch.tanh(self.slip_head(f)).unflatten(-1, (2, self.dims.branches))
             friction, compliance = raw.unbind(-2)  # (N, B) each
             nominal = (SLIP_NOMINAL[0] * torch.exp(friction), SLIP_NOMINAL[1] * torch.exp(4 * compliance))
             extras = extras._replace(slip=torch.stack(nominal, -1))
         return extras
+
+    def _compliance(self, x: dict[str, Tensor]) -> Tensor | None:
+        """Contact compliances (N, B) with theta, if there is one, before what is learned of them."""
+        if "theta" not in x:
+            return None
+        factor = x["theta"][:, self.contacts].exp()
+        return self.eps_m_start.to(factor.dtype) * factor
+
+    def _twist(self, x: dict[str, Tensor]) -> Tensor:
+        """Nominal stiffness of contacts about their normals, (B) or with theta (N, B)."""
+        twist = self.twist_start.to(x["q"].dtype)
+        return twist / x["theta"][:, self.contacts].exp() if "theta" in x else twist
 
     def respond(self, springs: Springs, x: dict[str, Tensor], extras: Extras = NO_EXTRAS) -> Response:
         """The two-pass layer on this stage's constants."""
@@ -249,17 +309,16 @@ class Backbone(nn.Module):
     def forward(self, x: dict[str, Tensor]) -> tuple[Tensor, Springs, Response]:
         f = self.features(x)
         seen = f if self.config.heads_see_wrench else self.features(x | {"w_e": torch.zeros_like(x["w_e"])})
-        springs = self.springs(seen)
+        springs = self.springs(seen, x.get("theta"))
         return f, springs, self.respond(springs, x, self.extras(seen, x))
 
     def nominal_response(self, x: dict[str, Tensor]) -> Response:
         """The analytical model: nominal springs, tendons taut, nothing learned. Raw head outputs are all zero."""
         n = len(x["q"])
-        y, extras = x["q"].new_zeros(n, self.dims.head), NO_EXTRAS
+        y, extras = x["q"].new_zeros(n, self.dims.head), Extras(self._compliance(x))
         if self.twist_head is not None:
-            twist = self.twist_start.to(y.dtype).expand(n, -1)
-            extras = Extras(twist=twist, normal=x["contacts"][..., 4:7])
-        return self.respond(self.springs_from_head(y), x, extras)
+            extras = extras._replace(twist=self._twist(x).expand(n, -1), normal=x["contacts"][..., 4:7])
+        return self.respond(self.springs_from_head(y, x.get("theta")), x, extras)
 
 
 def motion_size(r: Response) -> Tensor:
@@ -334,17 +393,35 @@ class Aminn(nn.Module):
         self.stage2 = Stage2(config, hand)
 
     def forward(
-        self, q: Tensor, x_ht: Tensor, w_e: Tensor, contacts: Tensor, j_x: Tensor, j_q: Tensor
+        self,
+        q: Tensor,
+        x_ht: Tensor,
+        w_e: Tensor,
+        contacts: Tensor,
+        j_x: Tensor,
+        j_q: Tensor,
+        theta: Tensor | None = None,
     ) -> dict[str, Tensor]:
-        """p_stable (N), dx_ht (N, 6), k_x (N, 6, 6), gate (N, B); shapes of the inputs in `Dims.inputs`."""
-        out = self.debug(q, x_ht, w_e, contacts, j_x, j_q)
+        """p_stable (N), dx_ht (N, 6), k_x (N, 6, 6), gate (N, B); shapes of the inputs in `Dims.inputs`.
+
+        theta (P) or (N, P) are mechanics parameters; none are zeros. Its joint zeros and tip radius have no effect
+        here: the state is that of the hand as it is (`Theta.corrected`).
+        """
+        out = self.debug(q, x_ht, w_e, contacts, j_x, j_q, theta)
         return {name: out[name] for name in ("p_stable", "dx_ht", "k_x", "gate")}
 
     def debug(
-        self, q: Tensor, x_ht: Tensor, w_e: Tensor, contacts: Tensor, j_x: Tensor, j_q: Tensor
+        self,
+        q: Tensor,
+        x_ht: Tensor,
+        w_e: Tensor,
+        contacts: Tensor,
+        j_x: Tensor,
+        j_q: Tensor,
+        theta: Tensor | None = None,
     ) -> dict[str, Tensor]:
         """The same and every intermediate of both stages (`Dims.debug`, s1_ and s2_ before the name)."""
-        x = dict(q=q, x_ht=x_ht, w_e=w_e, contacts=contacts, j_x=j_x, j_q=j_q)
+        x = with_theta(dict(q=q, x_ht=x_ht, w_e=w_e, contacts=contacts, j_x=j_x, j_q=j_q), theta, self.hand)
         logit, springs1, r1 = self.stage1(x)
         dx, springs2, r2 = self.stage2(x)
         out = {"p_stable": torch.sigmoid(logit), "dx_ht": dx, "k_x": r2.k_x, "gate": r2.gate}

@@ -11,7 +11,7 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +24,7 @@ from aminn_base.lock import locked_folder
 from aminn_base.read import AnyPath
 from aminn_hand import Hand
 from aminn_hand.hand import N_WRENCH
+from aminn_hand.theta import Theta
 
 from ..data.dataset import Dataset
 from ..evaluation.metrics import all_figures, calibration_figures, choose_tau, holds, operating_curve, pose_error
@@ -31,7 +32,7 @@ from ..evaluation.predict import predict
 from ..hand.symmetry import Reflection
 from ..model.baseline import Mlp, MlpStage, n_parameters
 from ..model.checkpoint import CARD, META, Checkpoint, build_model, load_checkpoint, save_checkpoint
-from ..model.config import LossWeights, TrainConfig
+from ..model.config import LossWeights, ModelConfig, TrainConfig
 from ..model.losses import pose_terms, structural_terms
 from ..model.network import Aminn, Backbone, Stage1, Stage2
 from .card import write_card
@@ -145,6 +146,21 @@ def _precision(module: nn.Module, dtype: torch.dtype) -> Iterator[None]:
     finally:
         for layer in layers:
             layer.precision = torch.float64
+
+
+def model_config(config: ModelConfig, data: Dataset) -> ModelConfig:
+    """The settings with what follows from the training data: whether networks are told theta.
+
+    Raises AminnError where they are to be told what the data do not vary.
+    """
+    factors = data.samples["theta"][:, : Theta(data.hand).factors] if data.has_theta else np.zeros((1, 0))
+    varied = bool((factors != factors[:1]).any())
+    if config.told and not varied:
+        raise AminnError(
+            "model.told = true, but the mechanics parameters of all grasps of the training data are the same, and a "
+            'network learns nothing from them; leave it at "data", or simulate with --vary mechanics=0.5'
+        )
+    return replace(config, told=varied) if config.told is None else config
 
 
 def mirror_of(config: TrainConfig, hand: Hand) -> Reflection | None:
@@ -341,7 +357,7 @@ def train(
     torch.set_num_threads(1)
     torch.manual_seed(config.seed)
     mirror = mirror_of(config, dataset.hand)
-    model = build_model(config.kind, config.model, dataset.hand)
+    model = build_model(config.kind, model_config(config.model, parts["train"]), dataset.hand)
     stages = _stages(model, config, parts["train"], parts["validation"])
     with locked_folder(out):
         finished = _finished(out, identity)  # by another process meanwhile
