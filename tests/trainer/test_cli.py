@@ -37,6 +37,15 @@ def test_train_evaluate_and_report(data_dir: Path, tmp_path: Path) -> None:
     assert f"{figures['mlp_f1']:.3f}" in result.output
 
 
+def test_fine_tune(data_dir: Path, runs: dict[str, Checkpoint], tmp_path: Path) -> None:
+    words = ("train", "--data", data_dir, "--out", tmp_path / "run", "--epochs", 1, "--set", "learning_rate=1e-3")
+    result = call(*words, "--model", "mlp", "--finetune", runs["aminn"].path)
+    assert result.exit_code == 1 and "give --model aminn" in result.output
+    result = call(*words, "--finetune", runs["aminn"].path)
+    assert result.exit_code == 0, result.output
+    assert runs["aminn"].sha256 in (tmp_path / "run" / "card.md").read_text()
+
+
 @pytest.mark.parametrize(
     ("args", "message"),
     [

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from synthetic import HANDS
+from synthetic import HANDS, write_dataset
 
 import aminn.training.train as train_module
-from aminn.data.dataset import Dataset
+from aminn.data.dataset import Dataset, load_dataset
 from aminn.evaluation.evaluate import evaluate, flat_report, format_table
 from aminn.model.checkpoint import META, WEIGHTS, Checkpoint, load_checkpoint
-from aminn.model.config import LossWeights, TrainConfig
+from aminn.model.config import LossWeights, ModelConfig, TrainConfig
 from aminn.model.export_tables import export_tables
 from aminn.training.card import CARD
 from aminn.training.run_state import FILE, load_run
@@ -131,7 +131,13 @@ def test_damaged_unfinished_run_gives_a_clear_error(dataset: Dataset, tmp_path: 
         train(SHORT, dataset, tmp_path)
 
 
-def interrupted(config: TrainConfig, dataset: Dataset, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def interrupted(
+    config: TrainConfig,
+    dataset: Dataset,
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    finetune: Checkpoint | None = None,
+) -> None:
     """Leave an unfinished run in `folder`, cut after its first epoch."""
     save = train_module.save_run
 
@@ -141,7 +147,7 @@ def interrupted(config: TrainConfig, dataset: Dataset, folder: Path, monkeypatch
 
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
         patch.setattr(train_module, "save_run", cut)
-        train(config, dataset, folder)
+        train(config, dataset, folder, finetune=finetune)
 
 
 def test_unfinished_run_of_another_configuration_is_named(dataset: Dataset, tmp_path: Path, monkeypatch) -> None:
@@ -156,6 +162,76 @@ def test_state_of_a_run_holds_optimiser_schedule_and_generator(dataset: Dataset,
     assert state.progress["epoch"] == 1 and state.progress["schedule"]["last_epoch"] > 0
     assert {"exp_avg", "exp_avg_sq", "step"} == {key.split(".")[1] for key in state.part("adam")}
     assert state.tensors["rng"].dtype == torch.uint8
+
+
+@pytest.fixture(scope="module")
+def other(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    """More grasps of the same hand."""
+    folder = tmp_path_factory.mktemp("other") / "data"
+    write_dataset(folder, grasps=60, cases=8, seed=5)
+    return load_dataset(folder)
+
+
+TUNE = TrainConfig(epochs=2, learning_rate=1e-3)
+
+
+@pytest.mark.parametrize("kind", ["aminn", "mlp"])
+def test_fine_tuning_starts_from_weights_and_normalisers(
+    runs: dict[str, Checkpoint], other: Dataset, tmp_path: Path, kind: str
+) -> None:
+    start = runs[kind]
+    tuned = train(replace(TUNE, kind=kind), other, tmp_path / "tuned", finetune=start)
+    anew = train(replace(TUNE, kind=kind), other, tmp_path / "anew")
+    norms = [k for k in start.model.state_dict() if "norm" in k or k.endswith("out_scale")]
+    states = [c.model.state_dict() for c in (start, tuned, anew)]
+    assert norms and all(torch.equal(states[0][k], states[1][k]) for k in norms)
+    assert not all(torch.equal(states[0][k], states[2][k]) for k in norms)
+    for stage in ("stage1", "stage2"):
+        least = [min(c.meta["history"][stage]["validation"]) for c in (tuned, anew)]
+        assert min(least[0], tuned.meta["finetuned"]["validation"][stage]) < least[1]
+    assert tuned.meta["finetuned"]["sha256"] == start.sha256
+    assert f"fine-tuned from | checkpoint {start.sha256}" in (tuned.path / CARD).read_text()
+    assert "fine-tuned" not in (anew.path / CARD).read_text() and "finetuned" not in anew.meta
+
+
+def test_fine_tuning_that_makes_worse_leaves_the_weights(
+    runs: dict[str, Checkpoint], other: Dataset, tmp_path: Path
+) -> None:
+    wild = replace(TUNE, learning_rate=0.3, epochs=1, divergence=1e9)
+    tuned = train(wild, other, tmp_path, finetune=runs["aminn"])
+    state = tuned.model.state_dict()
+    assert all(torch.equal(value, state[k]) for k, value in runs["aminn"].model.state_dict().items())
+    assert "| best epoch of stage2 | 0 of 1 |" in (tmp_path / CARD).read_text()
+
+
+def test_interrupted_fine_tuning_goes_on_to_the_same_bytes(
+    runs: dict[str, Checkpoint], other: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    start = runs["aminn"]
+    whole = train(TUNE, other, tmp_path / "whole", finetune=start)
+    interrupted(TUNE, other, tmp_path / "cut", monkeypatch, finetune=start)
+    with pytest.raises(AminnError, match="differs in finetune"):
+        train(replace(TUNE, model=start.model.config), other, tmp_path / "cut")
+    resumed = train(TUNE, other, tmp_path / "cut", finetune=start)
+    assert resumed.sha256 == whole.sha256
+    assert train(TUNE, other, tmp_path / "cut", finetune=start).sha256 == whole.sha256
+
+
+def test_fine_tuning_refuses_another_hand_kind_or_shape(
+    runs: dict[str, Checkpoint], other: Dataset, tmp_path: Path
+) -> None:
+    write_dataset(tmp_path / "five", grasps=20, of=HANDS["5x5"])
+    five = load_dataset(tmp_path / "five")
+    wide = replace(TUNE, model=ModelConfig(width=96))
+    for config, data, message in (
+        (replace(TUNE, kind="mlp"), other, r"is an aminn, and cannot be fine-tuned as an mlp; give --model aminn"),
+        (wide, other, r"was trained with another model\.width; leave the settings"),
+        (replace(TUNE, model=ModelConfig(told=True)), other, r"was trained with another model\.told"),
+        (TUNE, five, r"trained for another hand than that of the data set"),
+    ):
+        with pytest.raises(AminnError, match=message):
+            train(config, data, tmp_path / "out", finetune=runs["aminn"])
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("kind", ["aminn", "mlp"])

@@ -154,6 +154,7 @@ def _print_config(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
     callback=_print_config,
     help="Print every setting with its meaning and default, as a TOML file, and stop.",
 )
+@click.option("--finetune", type=EXISTING, default=None, help="Run to start from: its weights and normalisation.")
 @click.option("--tensorboard/--no-tensorboard", default=True, show_default=True, help="Curves in OUT/tensorboard.")
 def train(
     data: Path,
@@ -163,6 +164,7 @@ def train(
     epochs: int | None,
     file: Path | None,
     overrides: tuple[str, ...],
+    finetune: Path | None,
     tensorboard: bool,
 ) -> None:
     """Train AMINN or the MLP baseline.
@@ -180,6 +182,8 @@ def train(
       aminn train --data data --out runs/wide --set model.width=96 --set loss.relative=0.05
       aminn train --print-config > mine.toml
       aminn train --data data --out runs/mine --config mine.toml --seed 3
+    From a trained model on, with data of the same hand and smaller steps:
+      aminn train --data more --finetune runs/first --out runs/tuned --epochs 20 --set learning_rate=1e-3
 
     Settings come from the defaults, then the file, then the options, then --set; later ones win. One table
     model.mechanics stands for both stages.
@@ -192,11 +196,13 @@ def train(
     (what it is, figures, limits) and tensorboard/.
     """
     from aminn.data.dataset import load_dataset
+    from aminn.model.checkpoint import load_checkpoint
     from aminn.model.config import load_config
     from aminn.training.train import train as run
 
     config = load_config(file, overrides, kind=kind, seed=seed, epochs=epochs)
-    checkpoint = run(config, load_dataset(data), out, tensorboard=tensorboard)
+    start = load_checkpoint(finetune) if finetune else None
+    checkpoint = run(config, load_dataset(data), out, tensorboard=tensorboard, finetune=start)
     meta = checkpoint.meta
     click.echo(
         f"{config.kind}: {meta['n_parameters']} parameters, tau {meta['tau']:.4f}, "

@@ -40,6 +40,7 @@ TRAINED_KEYS: dict[str, type | tuple[type, ...]] = {
     "operating_curve": dict,
     "validation": dict,
     "n_parameters": int,
+    "finetuned": dict,
 }
 """Of model.json where `aminn train` wrote it; a checkpoint without them can be run, and no more."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from aminn_base.files import write_atomically
+from aminn_hand.theta import Theta
 
 from ..model.checkpoint import CARD, CARD_HASH, WEIGHTS, Checkpoint
 from ..model.config import TrainConfig, as_toml, build_config
@@ -35,12 +36,22 @@ def write_card(checkpoint: Checkpoint) -> None:
     write_atomically(checkpoint.path / CARD, _card(checkpoint).encode())
 
 
+def _told(checkpoint: Checkpoint) -> str:
+    """Whether networks see theta."""
+    if not checkpoint.model.config.told:
+        return "no" if checkpoint.model.kind == "mlp" else "no; its layer follows them"
+    names = Theta(checkpoint.model.hand).names[: Theta(checkpoint.model.hand).factors]
+    return f"yes: {', '.join(names)}"
+
+
 def _card(checkpoint: Checkpoint) -> str:
     meta, data = checkpoint.meta, checkpoint.meta["data"]
     figures = meta["validation"]
     rows = [f"| {text} | {form.format(figures[k])} |" for k, text, form in FIGURES if figures.get(k) is not None]
     epochs = {stage: len(curves["validation"]) for stage, curves in meta["history"].items()}
     best = {stage: 1 + int(np.argmin(curves["validation"])) for stage, curves in meta["history"].items()}
+    for stage, least in meta.get("finetuned", {}).get("validation", {}).items():
+        best[stage] *= min(meta["history"][stage]["validation"]) < least  # none: the weights it started from
     config = build_config(TrainConfig, meta["identity"]["config"])
     hand = checkpoint.model.hand
     branches = ", ".join(f"{b.name} of {len(b.coordinates)}" for b in hand.branches) + " joints"
@@ -59,6 +70,12 @@ def _card(checkpoint: Checkpoint) -> str:
             f"| hand | {hand.name}: {branches} |",
             f"| simulator | {data['simulator']} |",
             f"| data set | {meta['identity']['data_sha256']} |",
+            f"| told mechanics parameters | {_told(checkpoint)} |",
+            *(
+                f"| fine-tuned from | checkpoint {start['sha256']}, trained on data set {start['data_sha256']} |"
+                for start in [meta.get("finetuned")]
+                if start
+            ),
             f"| trained on | {data['train_samples']} load cases of {data['train_grasps']} grasps |",
             *(f"| best epoch of {stage} | {best[stage]} of {n} |" for stage, n in epochs.items()),
             "",

@@ -27,6 +27,7 @@ from aminn_hand.hand import N_WRENCH
 from aminn_hand.theta import Theta
 
 from ..data.dataset import Dataset
+from ..data.origin import check_hand
 from ..evaluation.metrics import all_figures, calibration_figures, choose_tau, holds, operating_curve, pose_error
 from ..evaluation.predict import predict
 from ..hand.symmetry import Reflection
@@ -101,14 +102,17 @@ def _stage_data(part: Dataset) -> tuple[Inputs, Tensor, Tensor]:
     return part.inputs(), stable, torch.as_tensor(motion, dtype=torch.float32)
 
 
-def _stages(model: Aminn | Mlp, config: TrainConfig, train: Dataset, validation: Dataset) -> list[_Stage]:
+def _stages(
+    model: Aminn | Mlp, config: TrainConfig, train: Dataset, validation: Dataset, new: bool = True
+) -> list[_Stage]:
     """Both stages with their data; fits the normalisation of a new model."""
     (x, stable, motion), (xv, stable_v, motion_v) = map(_stage_data, (train, validation))
     held, held_v = torch.nonzero(stable).squeeze(1), torch.nonzero(stable_v).squeeze(1)
     stable_x = _select(x, held)
-    model.stage1.fit_normalisers(x)
-    model.stage2.fit_normalisers(stable_x)
-    if isinstance(model, Mlp):
+    if new:
+        model.stage1.fit_normalisers(x)
+        model.stage2.fit_normalisers(stable_x)
+    if new and isinstance(model, Mlp):
         model.stage2.out_scale.copy_(motion[held, :N_WRENCH].std(0))
     stage1 = _stage1_terms(model.stage1)
     stage2 = _stage2_terms(model.stage2, config.loss, train.hand.length_m)
@@ -118,13 +122,35 @@ def _stages(model: Aminn | Mlp, config: TrainConfig, train: Dataset, validation:
     ]
 
 
-def identity_of(config: TrainConfig, data_sha256: str) -> dict:
-    """What a run's result follows from, as JSON has it: trainer, configuration and data."""
-    return {
+def identity_of(config: TrainConfig, data_sha256: str, start: Checkpoint | None = None) -> dict:
+    """What a run's result follows from, as JSON has it: trainer, configuration, data, and what it starts from."""
+    identity = {
         "training_version": TRAINING_VERSION,
         "config": json.loads(json.dumps(asdict(config))),
         "data_sha256": data_sha256,
     }
+    return identity | ({"finetune": start.sha256} if start else {})
+
+
+def continued(config: TrainConfig, start: Checkpoint, data: Dataset) -> TrainConfig:
+    """The settings of a run that starts from the weights of `start`: its model's, where they are left at the defaults.
+
+    Raises AminnError for data of another hand, and for other settings of the model than those of `start`.
+    """
+    check_hand(start, data)
+    mine = start.model.config
+    if config.kind != start.model.kind:
+        raise AminnError(
+            f"{start.path}: is an {start.model.kind}, and cannot be fine-tuned as an {config.kind}; "
+            f"give --model {start.model.kind}"
+        )
+    wanted = config.model if config.model.told is not None else replace(config.model, told=mine.told)
+    if config.model != ModelConfig() and wanted != mine:
+        keys = ", ".join(f"model.{key}" for key in differences(asdict(mine), asdict(wanted)))
+        raise AminnError(
+            f"{start.path}: was trained with another {keys}; leave the settings of the model out, or train anew"
+        )
+    return replace(config, model=mine)
 
 
 def _rate(progress: float) -> float:
@@ -178,7 +204,9 @@ def _with_mirror_images(x: Inputs, y: Tensor, mirror: Reflection) -> tuple[Input
 class _Loop:
     """The optimisation of one stage; its state is what `RunState` keeps."""
 
-    def __init__(self, stage: _Stage, config: TrainConfig, mirror: Reflection | None) -> None:
+    def __init__(self, stage: _Stage, config: TrainConfig, mirror: Reflection | None, least: float = np.inf) -> None:
+        """`least` is the validation loss that an epoch must get below for its weights to be kept."""
+        self.least = least
         self.stage, self.config, self.mirror = stage, config, mirror
         self.samples = _with_mirror_images(*stage.train, mirror) if mirror else stage.train
         self.steps_an_epoch = -(-len(stage.train[1]) // config.batch)
@@ -228,7 +256,7 @@ class _Loop:
         self.stage.module.eval()
         with torch.no_grad():
             loss = self._checked(self.stage.terms(*self.stage.validation), "validation")
-        if loss < min(self.history["validation"], default=np.inf):
+        if loss < min([*self.history["validation"], self.least]):
             self.best = {k: v.clone() for k, v in self.stage.module.state_dict().items()}
         self.history["validation"].append(loss)
 
@@ -340,8 +368,12 @@ def train(
     out: AnyPath,
     bar_position: int = 0,
     tensorboard: bool = False,
+    finetune: Checkpoint | None = None,
 ) -> Checkpoint:
     """Train on `dataset` and write the checkpoint and its model card to folder `out`.
+
+    `finetune` is what to start from: its weights, normalisation and model settings. Its weights stay where no epoch is
+    better on validation data.
 
     Goes on with an unfinished run found there; a finished one of the same configuration and data is returned as is.
     `bar_position` is the line of the progress bar, for runs side by side; `tensorboard` writes curves to
@@ -350,29 +382,44 @@ def train(
     out = Path(out)
     parts = {"train": dataset.split("train", config.train_fraction), "validation": dataset.split("validation")}
     _check_parts(parts)
-    identity = identity_of(config, dataset.sha256)
+    if finetune is not None:
+        config = continued(config, finetune, dataset)
+    identity = identity_of(config, dataset.sha256, finetune)
     finished = _finished(out, identity)
     if finished is not None:
         return finished
     torch.set_num_threads(1)
     torch.manual_seed(config.seed)
     mirror = mirror_of(config, dataset.hand)
-    model = build_model(config.kind, model_config(config.model, parts["train"]), dataset.hand)
-    stages = _stages(model, config, parts["train"], parts["validation"])
+    new = finetune is None
+    model = build_model(config.kind, model_config(config.model, parts["train"]) if new else config.model, dataset.hand)
+    if finetune is not None:
+        model.load_state_dict(finetune.model.state_dict())
+    stages = _stages(model, config, parts["train"], parts["validation"], new)
+    least = {} if new else {stage.name: _validation_loss(stage) for stage in stages}
     with locked_folder(out):
         finished = _finished(out, identity)  # by another process meanwhile
         if finished is not None:
             return finished
         resumed = load_run(out, identity)
-        history = _optimise(model, stages, config, mirror, out, identity, resumed, bar_position, tensorboard)
+        history = _optimise(model, stages, config, mirror, out, identity, resumed, bar_position, tensorboard, least)
         meta = _result(model, parts, dataset)
         meta |= {"seed": config.seed, "identity": identity, "history": history}
+        if finetune is not None:
+            trained_on = finetune.meta.get("identity", {}).get("data_sha256", "")
+            meta["finetuned"] = {"sha256": finetune.sha256, "data_sha256": trained_on, "validation": least}
         (out / CARD).unlink(missing_ok=True)  # it would be held against the new files
         save_checkpoint(out, model, meta)
         checkpoint = load_checkpoint(out)
         write_card(checkpoint)
         clear_run(out)
     return checkpoint
+
+
+def _validation_loss(stage: _Stage) -> float:
+    stage.module.eval()
+    with torch.no_grad():
+        return sum(term.item() for term in stage.terms(*stage.validation).values())
 
 
 @contextmanager
@@ -394,8 +441,12 @@ def _optimise(
     resumed: RunState | None,
     bar_position: int,
     tensorboard: bool,
+    least: dict[str, float],
 ) -> dict:
-    """Train the stages in turn, from `resumed` on, and leave each with its best weights; returns the history."""
+    """Train the stages in turn, from `resumed` on, and leave each with its best weights; returns the history.
+
+    `least` has the validation loss of a stage's first weights, where they are as good as any.
+    """
     progress: dict = {"stage": 0, "epoch": 0, "history": {}}
     if resumed is not None:
         with _whole_run(out):
@@ -404,7 +455,7 @@ def _optimise(
             _ = range(len(stages))[progress["stage"]], range(progress["epoch"])
     board = _Board(out / BOARD if tensorboard else None, progress["stage"] * config.epochs + progress["epoch"])
     for index in range(progress["stage"], len(stages)):
-        loop = _Loop(stages[index], config, mirror)
+        loop = _Loop(stages[index], config, mirror, least.get(stages[index].name, np.inf))
         loop.seed(index)
         done = 0
         if resumed is not None and index == progress["stage"]:
