@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import textwrap
 from itertools import combinations
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from aminn_base.files import write_atomically
 from aminn_base.read import AnyPath, read_json
+from aminn_hand.theta import Theta
 
 from .quality import noise_figures
 from .read import Array, SimulatedData, read_data
@@ -37,7 +39,9 @@ def data_card(folder: AnyPath, report: AnyPath | None = None) -> Path:
     folder = Path(folder)
     data = read_data(folder)
     report = Path(report) if report is not None else folder.parent / "reports" / "sim.json"
-    sections = [_yield(data), _loads(data), _quality(data), _coverage(data), _families(data), _variables(data)]
+    sections = [_yield(data), _loads(data), _quality(data), _coverage(data), _families(data)]
+    sections += [_mechanics(data)] if "theta" in data.grasps else []
+    sections.append(_variables(data))
     if report.is_file():
         sections.append(_report(read_json(report, "a report of `make sim`")))
     page = folder / "card.html"
@@ -301,6 +305,32 @@ def _families(data: SimulatedData) -> dict:
     head += ["half thickness, mm", "mass, g", "friction", "penetration, µm"]
     text = "Medians are those of the stable cases."
     return _section("Tool families", text, None, [_table(head, rows)])
+
+
+def _mechanics(data: SimulatedData) -> dict:
+    """By how much the hands differ from their description."""
+    theta, config = Theta(data.hand), data.manifest["config"]
+    _, first = np.unique(data.grasps["hand_id"], return_index=True)
+    drawn, columns = data.grasps["theta"][first], 5
+    rows = -(-theta.factors // columns)
+    figure = Figure((10, 1.5 * rows), layout="constrained")
+    grid, table = figure.subplots(rows, columns, squeeze=False).ravel(), []
+    for axes, p, values in zip(grid, theta.parameters[: theta.factors], drawn.T, strict=False):
+        axes.hist(values, max(5, min(BINS, len(values) // 20)), color=BLUE)
+        _plain(axes, textwrap.fill(p.name.replace("_", " "), 24))
+        axes.title.set_fontsize(7)
+        factors = np.exp([values.min(), np.median(values), values.max()])
+        table.append([p.name, ", ".join(p.parts), config["mechanics"].get(p.name, 0.0), *factors.tolist()])
+    for axes in grid[theta.factors :]:
+        axes.set_visible(False)
+    text = (
+        f"Stiffnesses and contact compliances of {_cell(len(first))} hands are those described, times exp(u). Each "
+        f"hand and parameter has its own u, uniform within {config['vary_mechanics']:g} on either side of the middle; "
+        f"grasps of a hand: {_cell(config['grasps_per_hand'])}, in a row. The pictures show u. Joint zeros and the "
+        "tips' radius are as described (0 in grasps/theta)."
+    )
+    head = ["parameter", "acts on", "middle", "least factor", "median", "greatest"]
+    return _section("Mechanics", text, figure, [_table(head, table)])
 
 
 def _counts(axes: Axes, values: Array, names: list[str] | None) -> str:

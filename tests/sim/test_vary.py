@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from aminn_base.errors import AminnError
 from aminn_hand import Hand
 from aminn_hand.theta import Theta
 from aminn_sim import SimulationConfig, SimulationError, _core, simulate
+from aminn_sim.card import data_card
 from aminn_sim.engines import ShardTask, simulate_task
 from aminn_sim.open_hand import open_hand, shipped_hands
 from aminn_sim.read import read_data
@@ -103,6 +105,14 @@ def test_the_trainer_reads_theta(varied_dir: Path, dataset_dir: Path) -> None:
     np.testing.assert_array_equal(data.samples["theta"], stored.of_grasp("theta"))
     assert data.inputs()["theta"].shape == (len(data), len(THETA))
     assert "theta" not in load_dataset(dataset_dir).inputs() and "theta" not in read_data(dataset_dir).grasps
+
+
+def test_the_card_shows_the_hands(varied_dir: Path, dataset_dir: Path, tmp_path: Path) -> None:
+    page = data_card(shutil.copytree(varied_dir, tmp_path / "varied")).read_text()
+    assert "<h2>Mechanics</h2>" in page and "uniform within 0.5 on either side" in page
+    of_first_spring = page[page.index("<td>spring_finger1_roll</td>") :]
+    assert "finger1_roll, finger2_roll" in of_first_spring.split("</tr>")[0]
+    assert "<h2>Mechanics</h2>" not in data_card(shutil.copytree(dataset_dir, tmp_path / "nominal")).read_text()
 
 
 @pytest.mark.parametrize("file", [f for f in shipped_hands() if f.stem != "aero_like"], ids=lambda file: file.stem)

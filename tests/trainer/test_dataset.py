@@ -12,9 +12,12 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+import torch
 
 from aminn.data.dataset import SPLITS, Dataset, load_dataset, split_of
 from aminn_base.errors import AminnError, InUseError
+from aminn_hand import Hand
+from aminn_hand.theta import Theta
 
 
 def test_splits_share_no_grasp_and_cover_all(dataset: Dataset) -> None:
@@ -118,6 +121,45 @@ def test_grasp_and_noise_rows_belong_to_their_samples(dataset: Dataset) -> None:
     rows = part.samples["noise_row"][again]
     assert again.any()
     np.testing.assert_allclose(part.noise["dx_half_step"][rows], 0.999 * part.samples["dx_ht"][again])
+
+
+def varied(path: Path, theta: np.ndarray, names: list[str] | None = None) -> None:
+    """Tell a theta of every grasp."""
+    with h5py.File(path / "shard-00000.h5", "r+") as file:
+        file["grasps/theta"], file["grasps/hand_id"] = theta, np.arange(len(theta)) // 2
+    record_hash(path)
+    change_manifest(path, theta_names=list(Theta(read_hand(path)).names) if names is None else names)
+
+
+def read_hand(path: Path) -> Hand:
+    return Hand.from_dict(json.loads((path / "manifest.json").read_text())["hand"])
+
+
+def test_samples_have_the_theta_of_their_grasp(copy: Path) -> None:
+    plain = load_dataset(copy)
+    assert "theta" not in plain.samples and "theta" not in plain.inputs()
+    grasps = len(plain.grasps["grasp_id"])
+    theta = np.random.default_rng(0).uniform(-0.5, 0.5, (grasps, len(Theta(plain.hand))))
+    varied(copy, theta)
+    data = load_dataset(copy)
+    np.testing.assert_array_equal(data.samples["theta"], theta[data.samples["grasp_id"]])
+    part = data.split("test")
+    np.testing.assert_array_equal(part.inputs(torch.float64)["theta"], theta[part.samples["grasp_id"]])
+
+
+def test_a_theta_that_is_none_is_named(copy: Path, tmp_path: Path) -> None:
+    theta = Theta(read_hand(copy))
+    n = len(theta)
+    whole = np.zeros((120, n))
+    for name, values, names, message in (
+        ("short", whole[:, 1:], None, rf"/grasps/theta has rows of shape \({n - 1},\), expected \({n},\)"),
+        ("names", whole, ["softness"], f"theta_names are not the parameters of its hand, {theta.names[0]}"),
+        ("nan", np.where(np.arange(120)[:, None] == 7, np.nan, whole), None, "theta is not finite in sample"),
+    ):
+        folder = Path(shutil.copytree(copy, tmp_path / name))
+        varied(folder, values, names)
+        with pytest.raises(AminnError, match=message):
+            load_dataset(folder)
 
 
 def test_a_selection_is_another_data_set(dataset: Dataset) -> None:
