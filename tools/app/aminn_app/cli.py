@@ -130,6 +130,23 @@ def simulate(
         click.echo(f"data card: {run_card(out)}")
 
 
+@main.command("import")
+@click.argument("tables", type=READABLE, nargs=-1, required=True)
+@click.option("--hand", type=READABLE, default=None, help="Hand file (TOML) of the hand that was pushed in.")
+@click.option("--like", type=EXISTING, default=None, help="Instead: a run, or a data set, of the same hand.")
+@click.option("--out", type=FOLDER, required=True, help="Folder of the data set.")
+def import_(tables: tuple[Path, ...], hand: Path | None, like: Path | None, out: Path) -> None:
+    """Check measured pushes (CSV, Parquet, HDF5) and write them as a data set that every command takes.
+
+    One row a push; docs/own-data.md has the columns. Every fault is named with its column and row, and nothing is
+    written then. What stands in for sensors that the table lacks is said and kept in the manifest.
+    """
+    from .importing import run_import
+
+    manifest = run_import(tables, hand, like, out, click.echo)
+    click.echo(f"{manifest['n_samples']} pushes of {manifest['n_grasps']} grasps in {out}")
+
+
 def _print_config(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
     if wanted and not ctx.resilient_parsing:
         from aminn.model.config import as_toml, load_config
@@ -213,7 +230,13 @@ def train(
 @main.command()
 @click.option("--data", type=EXISTING, required=True, help="Data set of the training, or another of the hand.")
 @click.option("--run", "runs", type=EXISTING, multiple=True, required=True, help="Checkpoint folder; may be repeated.")
-@click.option("--split", default="test", show_default=True, type=click.Choice(["train", "validation", "test"]))
+@click.option(
+    "--split",
+    default="test",
+    show_default=True,
+    type=click.Choice(["train", "validation", "test", "all"]),
+    help="all: every load case, of data that no model was trained on.",
+)
 @TRAINED_ON
 @click.option("--json", "json_file", type=NEW_FILE, help="Write every figure here, as flat keys.")
 def evaluate(data: Path, runs: tuple[Path, ...], split: str, trained_on: Path | None, json_file: Path | None) -> None:

@@ -14,6 +14,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from aminn.data.dataset import MEASURED, is_measured
 from aminn.evaluation.evaluate import Evaluation, names_of, truth
 from aminn.evaluation.metrics import pose_size, reliability, signed_work
 from aminn.model.checkpoint import Checkpoint
@@ -83,27 +84,31 @@ def run_verify(
 
 def _report_data(labels: dict, manifest: dict) -> dict[str, float | int | str | None]:
     """What the page says of the data."""
-    whole = {"simulator": manifest.get("simulator"), "seed": manifest.get("seed")}
+    whole = {
+        "simulator": MEASURED if is_measured(manifest) else manifest.get("simulator"),
+        "seed": manifest.get("seed"),
+    }
     whole |= {"grasps, in all": manifest["n_grasps"], "load cases, in all": manifest["n_samples"]}
     return whole | {f"test split: {name.replace('_', ' ')}": value for name, value in labels.items()}
 
 
 def _example_grasp(result: Evaluation) -> GraspPicture:
     """A stable test case that moves visibly: the one whose motion is nearest to the 95th percentile."""
-    from aminn.pages.grasp_picture import GraspPicture
+    from aminn.pages.grasp_picture import GraspPicture, joints_under_load, tool_of
 
     data, s = result.data, result.data.samples
     held = np.flatnonzero(s["stable"] > 0)
     size = pose_size(s["dx_ht"][held], data.hand.length_m)
     row = int(held[np.argmin(np.abs(size - np.quantile(size, 0.95)))])
-    grasp = int(np.flatnonzero(data.grasps["grasp_id"] == s["grasp_id"][row])[0])
+    name, geoms, size_m = tool_of(data, row)
     return GraspPicture(
         hand=data.hand,
-        tool_family=data.manifest["tool_families"][int(data.grasps["tool_family"][grasp])],
-        tool_geoms=data.grasps["tool_geoms"][grasp],
-        tool_size_m=data.grasps["tool_size_m"][grasp],
+        tool_family=name,
+        tool_geoms=geoms,
+        tool_size_m=size_m,
+        q_after=joints_under_load(data, row),
         predicted_dx=result.predictions["aminn"].dx[row] if "aminn" in result.predictions else None,
-        **{name: s[name][row] for name in ("q", "q_after", "x_ht", "dx_ht", "w_e", "contacts")},
+        **{name: s[name][row] for name in ("q", "x_ht", "dx_ht", "w_e", "contacts")},
     )
 
 

@@ -24,8 +24,8 @@ STATE = ("q", "x_ht", "w_e", "contacts")
 """What a prediction needs."""
 PUSH = (*STATE, "dx_ht")
 """What a calibration needs."""
-LABELLED = (*STATE, "grasp_id")
-"""What a data set needs, with `dx_ht` or `stable`."""
+LABELLED = (*PUSH, "grasp_id")
+"""What a data set needs."""
 MEASURED = ("time_s", "grasp_id", "q", "x_ht", "w_e", "contacts", "dx_ht", "stable", "theta")
 """Arrays that a lab gives."""
 RESULTS = ("p_stable", "holds", "pred_dx_ht", "notes")
@@ -184,7 +184,7 @@ GROUPS = (
         "unit normal of the surface there, into the tool",
         "optional",
         _contact("nx ny nz", 4),
-        "the direction from the fingertip's centre to the contact; without contact points, to the fingers opposite",
+        "from the fingertip's centre to the contact; of other tips, or without contact points, the pinch's direction",
     ),
     Group(
         "contact_BRANCH_force",
@@ -204,7 +204,6 @@ GROUPS = (
         "motion of the tool frame's origin by the push: under load minus before",
         "data sets",
         _part("dx_ht", "x y z", 0),
-        "`stable` must be told then",
     ),
     Group(
         "dx_ht_rx, ry, rz",
@@ -214,15 +213,14 @@ GROUPS = (
         "rotation vector of R_under_load R_before^T",
         "data sets",
         _part("dx_ht", "rx ry rz", 3),
-        "`stable` must be told then",
     ),
     Group(
         "stable",
         "stable",
         "flag",
         "",
-        "1: the grasp held, and came to rest under the load",
-        "data sets",
+        "1: the grasp held, and came to rest under the load; 0: it did not, and dx_ht may be empty",
+        "optional",
         _one("stable"),
         "every push with a displacement counts as held",
     ),

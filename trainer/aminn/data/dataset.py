@@ -1,4 +1,4 @@
-"""Read a simulated data set (a manifest and HDF5 shards) into arrays, and split it by grasp.
+"""Read a data set, simulated or measured (a manifest and HDF5 shards) into arrays, and split it by grasp.
 
 Load cases of one grasp never stand on both sides of a split: membership follows from a hash of the grasp id alone, so
 that it does not change when a data set grows.
@@ -36,7 +36,13 @@ MANIFEST_KEYS: dict[str, type] = {
     "tool_families": list,
 }
 SHARD_KEYS: dict[str, type] = {"file": str, "sha256": str, "n_samples": int, "n_grasps": int}
-ANEW = "simulate the data set again"
+ANEW = "simulate the data set again, or import it again"
+ORIGIN, MEASURED = "origin", "measured"
+"""Key of a manifest, and its value where the pushes were measured; where it is missing they were simulated."""
+SIMULATED_ONLY = frozenset(
+    "q_after tendon_tension_after_N tendon_tension_N tool_family tool_size_m tool_geoms friction".split()
+)
+"""Fields that no sensor gives: measured data lack them, and /noise."""
 TAUT_N = 1e-3
 """Tension above which a tendon counts as taut."""
 SPLITS = ("train", "validation", "test")
@@ -116,8 +122,25 @@ class Dataset:
         ids = self.samples["grasp_id"]
         return self.take((split_of(ids) == SPLITS.index(name)) & (_draws(b"share %d", ids) < fraction))
 
-    def taut(self) -> NDArray[np.bool_]:
-        """Whether the tendon that each branch's gate stands for is taut under load: (n, B); no where there is none."""
+    @property
+    def measured(self) -> bool:
+        """Whether a lab measured the pushes; what only a simulator knows is missing then."""
+        return is_measured(self.manifest)
+
+    def simulated(self, group: str, name: str) -> NDArray:
+        """A field of `SIMULATED_ONLY`. Raises AminnError where the data are measured."""
+        fields: dict[str, NDArray] = getattr(self, group)
+        if name not in fields:
+            raise AminnError(f"{name} is known of simulated data alone, and these are {MEASURED}; give simulated ones")
+        return fields[name]
+
+    def taut(self) -> NDArray[np.bool_] | None:
+        """Whether the tendon that each branch's gate stands for is taut under load: (n, B); no where there is none.
+
+        None where tensions are not known.
+        """
+        if "tendon_tension_after_N" not in self.samples:
+            return None
         tension, gated = self.samples["tendon_tension_after_N"], gated_tendons(self.hand)
         taut = [tension[:, i] > TAUT_N if i >= 0 else np.zeros(len(self), bool) for i in gated]
         return np.stack(taut, 1)
@@ -162,12 +185,12 @@ def read_manifest(path: AnyPath) -> dict:
     path = Path(path)
     file = path / "manifest.json"
     if not file.is_file():
-        raise AminnError(f"{path}: no manifest.json; is this a data set, and did its simulation finish?")
+        raise AminnError(f"{path}: no manifest.json; is this a data set, and did what makes it finish?")
     manifest = read_json(file, "the manifest of a data set")
     version = manifest.get("schema_version")
     if version != SCHEMA_VERSION:
         newer = isinstance(version, int) and version > SCHEMA_VERSION
-        remedy = "it was written by a newer AMINN, read it with that" if newer else "simulate the data set again"
+        remedy = "it was written by a newer AMINN, read it with that" if newer else ANEW
         raise AminnError(f"{file}: schema_version is {version}, this program reads {SCHEMA_VERSION}; {remedy}")
     require(file, manifest, MANIFEST_KEYS, ANEW)
     for n, shard in enumerate(manifest["shards"]):
@@ -181,6 +204,11 @@ def read_manifest(path: AnyPath) -> dict:
             f"{file}: theta_names are not the parameters of its hand, {', '.join(Theta(hand).names)}; {ANEW}"
         )
     return manifest
+
+
+def is_measured(manifest: dict) -> bool:
+    """Whether the data set of a manifest was measured."""
+    return manifest.get(ORIGIN) == MEASURED
 
 
 def hand_of(manifest: dict, source: str) -> Hand:
@@ -203,13 +231,13 @@ Shard = dict[str, dict[str, NDArray]]  # group -> field -> rows
 def _read_shard(folder: Path, entry: dict, groups: Shapes) -> Shard:
     path = folder / entry["file"]
     if not path.is_file():
-        raise AminnError(f"{path}: the manifest names this shard, but it is missing; run the simulation again")
+        raise AminnError(f"{path}: the manifest names this shard, but it is missing; {ANEW}")
     content = read_shared(path)
     if hashlib.sha256(content).hexdigest() != entry["sha256"]:
-        raise AminnError(f"{path}: damaged, its SHA-256 is not the manifest's; delete it and run the simulation again")
+        raise AminnError(f"{path}: damaged, its SHA-256 is not the manifest's; delete it, and {ANEW}")
     try:
         with h5py.File(io.BytesIO(content), "r") as file:
-            shard = {group: {name: rows[()] for name, rows in file[group].items()} for group in GROUPS}
+            shard = {group: {name: rows[()] for name, rows in file[group].items()} for group in groups}
     except (OSError, KeyError, AttributeError, TypeError, ValueError, RuntimeError) as error:  # all of them h5py's
         raise AminnError(f"{path}: not a readable shard ({error}); {ANEW}") from error
     for group, key in (("samples", "n_samples"), ("grasps", "n_grasps")):
@@ -233,6 +261,10 @@ def _read_shard(folder: Path, entry: dict, groups: Shapes) -> Shard:
     return shard
 
 
+def _sensed(fields: dict[str, tuple[int, ...]]) -> dict[str, tuple[int, ...]]:
+    return {name: shape for name, shape in fields.items() if name not in SIMULATED_ONLY}
+
+
 def _rows(lengths: set[int]) -> str:
     return " and ".join(map(str, sorted(lengths))) or "no"
 
@@ -244,7 +276,7 @@ def _check_together(path: Path, manifest: dict, shards: list[Shard]) -> None:
     if foreign:
         raise AminnError(
             f"{path / foreign[0]}: the manifest does not name this shard; delete it if it is left from a larger data "
-            "set, else run the simulation again"
+            f"set, else {ANEW}"
         )
     holder: dict[int, str] = {}
     for name, shard in zip(names, shards, strict=True):
@@ -253,11 +285,11 @@ def _check_together(path: Path, manifest: dict, shards: list[Shard]) -> None:
             if grasp in holder:
                 raise AminnError(
                     f"{path / name}: holds grasp {grasp}, which {holder[grasp]} holds too; delete manifest and "
-                    "shard and run the simulation again"
+                    f"shard, and {ANEW}"
                 )
             holder[grasp] = name
         if of_samples - set(ids):
-            raise AminnError(f"{path / name}: has samples of grasps that it does not hold; run the simulation again")
+            raise AminnError(f"{path / name}: has samples of grasps that it does not hold; {ANEW}")
     for key, group in (("n_grasps", "grasps"), ("n_samples", "samples")):
         rows = sum(len(shard[group]["grasp_id"]) for shard in shards)
         if rows != manifest[key]:
@@ -273,13 +305,16 @@ def load_dataset(path: AnyPath) -> Dataset:
     path = Path(path)
     manifest = read_manifest(path)
     groups = shapes_of(hand_of(manifest, str(path)), "theta_names" in manifest)
+    if is_measured(manifest):
+        groups = {name: _sensed(fields) for name, fields in groups.items() if name != "noise"}
     shards = [_read_shard(path, entry, groups) for entry in manifest["shards"]]
     if not shards:
         raise AminnError(f"{path}: the data set has no shards")
     _check_together(path, manifest, shards)
     starts = np.cumsum([0] + [len(shard["samples"]["stable"]) for shard in shards])
     for shard, start in zip(shards, starts, strict=False):
-        shard["noise"]["sample"] = shard["noise"]["sample"] + start
+        again = shard.setdefault("noise", {"sample": np.zeros(0, np.int64)})
+        again["sample"] = again["sample"] + start
     samples, grasps, noise = (_joined(shards, group) for group in GROUPS)
     if not len(samples["stable"]):
         raise AminnError(f"{path}: the data set has no load cases; {ANEW}")
@@ -288,7 +323,7 @@ def load_dataset(path: AnyPath) -> Dataset:
         raise AminnError(f"{path}: grasp_id {strange[0]} of /samples is not in /grasps; {ANEW}")
     if len(noise["sample"]) and not (0 <= noise["sample"].min() and noise["sample"].max() < len(samples["stable"])):
         raise AminnError(f"{path}: /noise/sample names rows that /samples does not have; {ANEW}")
-    family = grasps["tool_family"]
+    family = grasps.get("tool_family", np.zeros(0))
     if len(family) and not (0 <= family.min() and family.max() < len(manifest["tool_families"])):
         raise AminnError(f"{path}: /grasps/tool_family is outside of the manifest's tool_families; {ANEW}")
     dataset = Dataset(manifest, samples, grasps, noise)

@@ -23,11 +23,11 @@ REGIMES = ("iid", "new_family", "new_friction", "larger_loads")
 def regimes(data: Dataset) -> dict[str, NDArray[np.bool_]]:
     """Masks over the samples: what is trained on, and what differs from it in one respect."""
     rows, w = data.grasp_rows(), data.samples["w_e"]
-    families = data.manifest["tool_families"]
+    kind, families = data.simulated("grasps", "tool_family"), data.manifest["tool_families"]
     if NEW_FAMILY not in families:
         raise AminnError(f"the data set has no {NEW_FAMILY} among its tools ({', '.join(families)}): make dataset anew")
-    family = data.grasps["tool_family"][rows] != families.index(NEW_FAMILY)
-    friction = data.grasps["friction"][rows] <= FRICTION_MAX
+    family = kind[rows] != families.index(NEW_FAMILY)
+    friction = data.simulated("grasps", "friction")[rows] <= FRICTION_MAX
     load = (np.linalg.norm(w[:, :3], axis=1) <= FORCE_MAX_N) & (np.linalg.norm(w[:, 3:], axis=1) <= MOMENT_MAX_NM)
     masks = (family & friction & load, ~family & friction & load, family & ~friction & load, family & friction & ~load)
     return dict(zip(REGIMES, masks, strict=True))
@@ -51,8 +51,8 @@ def told(data: Dataset, secret: str) -> Dataset:
     if secret == "pretension" and (len(gated) < 3 or min(gated[:3]) < 0):
         raise AminnError(f"hand {data.hand.name} has no three gated tendons whose pretension could be told")
     values = {
-        "friction": np.repeat(data.grasps["friction"][rows, None], 3, axis=1),
-        "pretension": data.grasps["tendon_tension_N"][rows][:, gated[:3]] / 20.0,
+        "friction": np.repeat(data.simulated("grasps", "friction")[rows, None], 3, axis=1),
+        "pretension": data.simulated("grasps", "tendon_tension_N")[rows][:, gated[:3]] / 20.0,
     }
     x_ht[:, 3:] = values[secret]
     return replace(data, samples=data.samples | {"x_ht": x_ht}, selection=f"{data.selection}, {secret} told")

@@ -49,13 +49,14 @@ def groups(data: Dataset) -> Iterator[tuple[str, Mask]]:
     main = np.abs(w / np.repeat([1.0, data.hand.length_m], 3)).argmax(1)
     for k, name in enumerate(DIRECTIONS):
         yield name, main == k
-    family = data.grasps["tool_family"][data.grasp_rows()]
-    for k, name in enumerate(data.manifest["tool_families"]):
-        yield f"tool_{name}", family == k
+    rows = data.grasp_rows()
+    for k, name in enumerate(data.manifest["tool_families"]):  # of measured data there are none
+        yield f"tool_{name}", data.grasps["tool_family"][rows] == k
     gated = [i >= 0 for i in gated_tendons(data.hand)]
-    if not any(gated):
+    taut = data.taut()
+    if taut is None or not any(gated):
         return
-    slack = (~data.taut()[:, gated]).sum(1)
+    slack = (~taut[:, gated]).sum(1)
     yield from (("tendons_taut", slack == 0), ("tendons_slack_1", slack == 1), ("tendons_slack_more", slack > 1))
 
 
@@ -85,7 +86,7 @@ def contact_slip(data: Dataset) -> Array:
     contacts, dx = s["contacts"], s["dx_ht"]
     r = contacts[..., 1:4] - s["x_ht"][:, None, :3]
     tool = s["x_ht"][:, None, :3] + dx[:, None, :3] + times(rotation(dx[:, None, 3:]), r)
-    gap = tool - fingertips(data.hand, s["q"], s["q_after"], contacts[..., 1:4])
+    gap = tool - fingertips(data.hand, s["q"], data.simulated("samples", "q_after"), contacts[..., 1:4])
     normal = contacts[..., 4:7]
     return contacts[..., 0] * np.linalg.norm(gap - (gap * normal).sum(-1, keepdims=True) * normal, axis=-1)
 
@@ -122,8 +123,10 @@ def gate_figures(prediction: Prediction, data: Dataset) -> dict[str, float]:
     gated = [i >= 0 for i in gated_tendons(data.hand)]
     if prediction.gate is None or not any(gated):
         return {}
-    stable = data.samples["stable"] > 0
-    taut, gate = data.taut()[stable][:, gated], prediction.gate[stable][:, gated]
+    stable, known = data.samples["stable"] > 0, data.taut()
+    if known is None:
+        return {}
+    taut, gate = known[stable][:, gated], prediction.gate[stable][:, gated]
     return {
         "gate_auroc": auroc(gate.ravel(), taut.ravel()),
         "gate_taut_share": float(taut.mean()),

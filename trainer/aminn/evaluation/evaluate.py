@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError
 
-from ..data.dataset import Dataset
+from ..data.dataset import MEASURED, Dataset
 from ..data.origin import check_hand, same_configuration, states_of, training_set
 from ..model.checkpoint import Checkpoint
 from ..model.config import ModelConfig
@@ -60,6 +60,9 @@ class Evaluation:
     """What must be said beside the figures."""
 
 
+ALL = "all"
+"""In place of a split: every load case."""
+SPLIT_NAMES = {ALL: "data set"}
 BASELINES = {
     "analytical": "analytical",
     "analytical_nominal": "analytical, theta unknown",
@@ -167,8 +170,11 @@ def label_figures(data: Dataset) -> dict[str, float]:
 def noise_floor(data: Dataset) -> dict[str, float]:
     """How far the labels agree with themselves: half the time step, and (`impratio_`) another impedance ratio.
 
-    Errors are over the cases that hold both times, `flipped` is the share of those that hold once.
+    Errors are over the cases that hold both times, `flipped` is the share of those that hold once. Nothing of measured
+    data.
     """
+    if data.measured:
+        return {}
     s = data.samples
     figures: dict[str, float] = {}
     again = np.flatnonzero(s["noise_row"] >= 0)
@@ -191,33 +197,54 @@ def noise_floor(data: Dataset) -> dict[str, float]:
 def evaluate(
     checkpoints: list[Checkpoint], dataset: Dataset, split: str = "test", trained_on: Dataset | None = None
 ) -> Evaluation:
-    """Figures on one split of `dataset`.
+    """Figures on one split of `dataset`, or on `ALL` of it.
 
-    More grasps of the data that a model was trained on are welcome: they do not move between splits. Data of another
-    configuration or seed are noted; `trained_on`, the data set of the training, then says which of its grasps are
-    among them, and these are left out. Raises AminnError for data of another hand, for a split without a load case, and
-    where none of its cases is stable.
+    More grasps of the data that a model was trained on are welcome: they do not move between splits. Notes say where a
+    split may leak, and why. `trained_on`, the data set of the training, says which of its grasps are among the data,
+    and these are left out. Raises AminnError for data of another hand, for a split without a load case, and where none
+    of its cases is stable.
     """
-    notes = []
+    notes, unsure = [], False
     for checkpoint in checkpoints:
         check_hand(checkpoint, dataset)
-        if not same_configuration(checkpoint, dataset):
-            notes.append(f"{checkpoint.path} was trained on data of another configuration or seed")
-    data = dataset.split(split)
-    if notes and trained_on is None:
-        notes.append(f"its training grasps may stand in this {split} split; give --trained-on to leave them out")
-    elif trained_on is not None:
+        note, leaks = _leak(checkpoint, dataset, split)
+        notes += [note] if note else []
+        unsure |= leaks
+    data = dataset if split == ALL else dataset.split(split)
+    validation = data if split == ALL else dataset.split("validation")
+    if trained_on is not None:
         data, left_out = _without_training(checkpoints, data, trained_on)
         notes.append(f"{left_out} load cases of training grasps are left out")
-    for name, part in ((split, data), ("validation", dataset.split("validation"))):
+    elif unsure:
+        place = SPLIT_NAMES.get(split, f"{split} split")
+        notes.append(f"its training grasps may stand in this {place}; give --trained-on to leave them out")
+    if split == ALL:
+        notes.append("the analytical model's bound of stability was chosen on these load cases themselves")
+    for name, part in ((split, data), ("validation", validation)):
+        text = SPLIT_NAMES.get(split, f"{name} split")
+        make = "measure" if dataset.measured else "simulate"
         if not len(part):
-            raise AminnError(f"the {name} split is empty; simulate more grasps")
+            other = "" if split == ALL else f", or take --split {ALL}"
+            raise AminnError(f"the {text} is empty; {make} more grasps{other}")
         if not (part.samples["stable"] > 0).any():
             raise AminnError(
-                f"none of the {len(part)} load cases of the {name} split is stable, and figures are over stable ones; "
-                "simulate more grasps, or smaller loads"
+                f"none of the {len(part)} load cases of the {text} is stable, and figures are over stable ones; "
+                f"{make} more grasps, or smaller loads"
             )
-    return replace(compare(checkpoints, data, dataset.split("validation"), split), notes=tuple(notes))
+    return replace(compare(checkpoints, data, validation, split), notes=tuple(notes))
+
+
+def _leak(checkpoint: Checkpoint, data: Dataset, split: str) -> tuple[str, bool]:
+    """What there is to say of a model's training grasps in a split of the data, and whether they may stand in it."""
+    if same_configuration(checkpoint, data):
+        return (f"{checkpoint.path} was trained on a part of these load cases", True) if split == ALL else ("", False)
+    learned_from_lab = checkpoint.meta.get("data", {}).get("simulator") == MEASURED
+    if data.measured and not learned_from_lab:
+        return f"{checkpoint.path} was trained on simulated data, so that no measured push is known to it", False
+    if learned_from_lab and not data.measured:
+        return f"{checkpoint.path} was trained on measured data, so that no simulated load case is known to it", False
+    other = "other measured data" if data.measured else "data of another configuration or seed"
+    return f"{checkpoint.path} was trained on {other}, of which grasps may be among these", True
 
 
 def _without_training(checkpoints: list[Checkpoint], data: Dataset, trained_on: Dataset) -> tuple[Dataset, int]:
@@ -265,8 +292,8 @@ def truth(evaluation: Evaluation) -> dict[str, float]:
     """The ground truth's row of the table: its noise floor as error, and its own passivity."""
     labels = evaluation.labels
     return {
-        "rmse_pose": labels["noise_floor_rmse_pose"],
-        "relative_error_median": labels["noise_floor_relative_error_median"],
+        "rmse_pose": labels.get("noise_floor_rmse_pose", np.nan),
+        "relative_error_median": labels.get("noise_floor_relative_error_median", np.nan),
         "passivity_violation_translational": labels["passivity_violation_translational"],
         "passivity_violation_full": labels["passivity_violation_full"],
     }

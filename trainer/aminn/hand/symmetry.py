@@ -95,11 +95,11 @@ class Reflection:
         }
 
     def targets(self, y: Tensor) -> Tensor:
-        """Images of a stage's targets: stability (n) stays, motion and tendons (n, 6 + B) do not."""
+        """Images of a stage's targets: stability (n) stays, motion and tendons (n, 6 or 6 + B) do not."""
         if y.ndim == 1:
             return y
         dx, taut = y[..., :N_WRENCH], y[..., N_WRENCH:]
-        return torch.cat([self.motion(dx), taut[:, self.branches]], -1)
+        return torch.cat([self.motion(dx), taut[:, self.branches] if taut.shape[1] else taut], -1)
 
 
 def _reflected(v: Tensor, matrix: Array) -> Tensor:

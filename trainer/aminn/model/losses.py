@@ -47,6 +47,7 @@ def structural_terms(
 ) -> dict[str, Tensor]:
     """The paper's regularisers, decided gates and little tendon stiffness, and gates that agree with `taut` (N, B).
 
+    Nobody knows which tendons are taut where `taut` has no columns, and gates agree with nothing then.
     Over the branches that are `gated`; nothing for a hand without tendons. The mean of K_tendon^2 follows from gains
     and gates alone, since |d| = 1.
     """
@@ -55,12 +56,11 @@ def structural_terms(
     gates, gains = response.gate, springs.tendon_gain
     if not all(gated):
         own = [b for b, has in enumerate(gated) if has]
-        gates, gains, taut = gates[:, own], gains[:, own], taut[:, own]
-    engagement = torch.nn.functional.binary_cross_entropy(gates.clamp(1e-6, 1 - 1e-6), taut)
+        gates, gains, taut = gates[:, own], gains[:, own], taut[:, own] if taut.shape[1] else taut
     gate = (gates * (1 - gates)).mean()
     tendon = ((gains * gates) ** 2).mean() / springs.tendon_dir.shape[-1] ** 2
-    return {
-        "gate": weights.gate * gate,
-        "engagement": weights.engagement * engagement,
-        "tendon": weights.tendon * tendon,
-    }
+    terms = {"gate": weights.gate * gate}
+    if taut.shape[1]:
+        engagement = torch.nn.functional.binary_cross_entropy(gates.clamp(1e-6, 1 - 1e-6), taut)
+        terms["engagement"] = weights.engagement * engagement
+    return terms | {"tendon": weights.tendon * tendon}

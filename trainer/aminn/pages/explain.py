@@ -16,7 +16,7 @@ from aminn_base.files import write_atomically
 from aminn_base.read import AnyPath
 from aminn_hand import Hand
 
-from ..data.dataset import Dataset
+from ..data.dataset import MEASURED, Dataset
 from ..data.origin import check_hand, same_configuration
 from ..evaluation.metrics import holds, pose_error, pose_size
 from ..model.checkpoint import Checkpoint
@@ -53,6 +53,11 @@ class Explanation:
     @property
     def hand(self) -> Hand:
         return self.data.hand
+
+    @property
+    def seen(self) -> str:
+        """What the data's own motion is called."""
+        return MEASURED if self.data.measured else "simulated"
 
     def joints_of(self, branch: int) -> list[tuple[int, str]]:
         """(coordinate, name without the branch's own) of each joint of a branch."""
@@ -139,12 +144,13 @@ def as_text(e: Explanation) -> str:
         f"load case {e.sample}, grasp {int(e.data.samples['grasp_id'][e.sample])}",
         f"  load        ({w[0]:+.2f} {w[1]:+.2f} {w[2]:+.2f}) N, ({w[3]:+.4f} {w[4]:+.4f} {w[5]:+.4f}) N.m",
         f"  verdict     p_stable {e.p_stable:.3f}, threshold {e.tau:.3f}: "
-        f"{'holds' if holds(e.p_stable, e.tau) else 'gives way'}; simulated: {'holds' if held else 'gives way'}",
+        f"{'holds' if holds(e.p_stable, e.tau) else 'gives way'}; {e.seen}: {'holds' if held else 'gives way'}",
         f"  predicted   {_motion(e.dx)}",
-        f"  simulated   {_motion(true)}" + ("" if held else "  (gave way: the model is not trained on such motion)"),
+        f"  {e.seen:10}  {_motion(true)}" + ("" if held else "  (gave way: the model is not trained on such motion)"),
     ]
     if not e.of_training:
-        lines.append("  data        of another configuration or seed than the model was trained on")
+        other = "measured, where" if e.data.measured else "of another configuration or seed than"
+        lines.append(f"  data        {other} the model was trained on" + (" others" if e.data.measured else ""))
     if held:
         length_m = e.hand.length_m
         share = pose_error(e.dx[None], true[None], length_m)[0] / max(pose_size(true[None], length_m)[0], 1e-9)
@@ -221,7 +227,7 @@ def draw(e: Explanation, out: AnyPath) -> None:
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-    from .grasp_picture import BRANCH_COLOURS, LABEL, branch_points, draw_scene, load_legend, on_picture
+    from .grasp_picture import BRANCH_COLOURS, LABEL, branch_points, draw_scene, load_legend, on_picture, tool_of
 
     out = Path(out)
     kind = out.suffix or (".png" if out.exists() and not out.is_file() else "")
@@ -230,14 +236,14 @@ def draw(e: Explanation, out: AnyPath) -> None:
     figure = Figure(figsize=(10.8, 5.6), dpi=130)
     ax = figure.add_axes((0.0, 0.07, 0.62, 0.93), projection="3d", computed_zorder=True)
     hand = e.hand
-    grasp = int(e.data.grasp_rows()[e.sample])
+    _, geoms, size_m = tool_of(e.data, e.sample)
     draw_scene(
         ax,
         hand,
         e.row("q"),
         e.row("x_ht"),
-        e.data.grasps["tool_geoms"][grasp],
-        np.asarray(e.data.grasps["tool_size_m"][grasp], float),
+        geoms,
+        size_m,
         e.row("w_e"),
         "springs, tendons and softest motions" if hand.dims.gates else "springs and softest motions",
     )
@@ -270,7 +276,7 @@ def draw(e: Explanation, out: AnyPath) -> None:
     scaled = np.repeat([1e3, 1e3 * hand.length_m], 3)
     at = np.arange(6)
     work.bar(at - 0.2, scaled * e.dx, 0.4, color="#1f5fa8", label="predicted")
-    work.bar(at + 0.2, scaled * e.row("dx_ht"), 0.4, color="#111111", label="simulated")
+    work.bar(at + 0.2, scaled * e.row("dx_ht"), 0.4, color="#111111", label=e.seen)
     work.axhline(0, color="#777777", linewidth=0.8)
     work.set_xticks(at, ["x", "y", "z", "rot x", "rot y", "rot z"])
     work.set_title(f"motion, mm (rotations times {hand.length_m:g} m)", fontsize=9, loc="left")

@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from aminn_hand import Hand
 from aminn_hand.hand import rotation
 
+from ..data.dataset import Dataset
+
 Array = NDArray[np.float64]
 
 BRANCH_COLOURS = ("#1f5fa8", "#3a8f5c", "#8a5aa6", "#c2571a", "#2a8f9e")
@@ -50,7 +52,7 @@ class GraspPicture:
     x_ht: Array
     """Tool pose before the load (6)."""
     dx_ht: Array
-    """Simulated displacement (6)."""
+    """Simulated or measured displacement (6)."""
     w_e: Array
     """The load (6), N and N.m; the moment is about the tool's origin."""
     contacts: Array
@@ -63,6 +65,32 @@ class GraspPicture:
     """Half extents of the part that is held, along the tool's axes (3); x is the long one."""
     predicted_dx: Array | None = None
     """Predicted displacement (6), for the caption."""
+
+
+BALL_M = 0.006
+"""Radius of what stands for a tool whose shape is not known."""
+
+
+def tool_of(data: Dataset, sample: int) -> tuple[str, Array, Array]:
+    """What the tool of a load case is called, its primitives, and its half extents, as `GraspPicture` has them."""
+    if data.measured:
+        ball = np.array([[2, BALL_M, 0, 0, 0, 0, 0, 1, 0, 0, 0]])
+        return "tool, a ball at the origin of its frame,", ball, np.full(3, BALL_M)
+    grasp = int(data.grasp_rows()[sample])
+    geoms, size_m = (np.asarray(data.grasps[name][grasp], float) for name in ("tool_geoms", "tool_size_m"))
+    return data.manifest["tool_families"][int(data.grasps["tool_family"][grasp])], geoms, size_m
+
+
+def joints_under_load(data: Dataset, sample: int) -> Array:
+    """Joint angles (J) at the end of a load case; of a measured one the least change that lets contacts stick."""
+    s, hand = data.samples, data.hand
+    if not data.measured:
+        return np.asarray(s["q_after"][sample], float)
+    q = np.array(s["q"][sample], float)
+    for b, at in enumerate(hand.branch_joints):
+        turn = -np.linalg.pinv(s["j_q"][sample, b]) @ s["j_x"][sample, b] @ s["dx_ht"][sample]
+        q[at] += turn[hand.dims.coordinates - (at.stop - at.start) :]
+    return q
 
 
 def branch_points(hand: Hand, branch: int, q: Array) -> Array:

@@ -26,7 +26,7 @@ from aminn_hand import Hand
 from aminn_hand.hand import N_WRENCH
 from aminn_hand.theta import Theta
 
-from ..data.dataset import Dataset
+from ..data.dataset import MEASURED, Dataset
 from ..data.origin import check_hand
 from ..evaluation.metrics import all_figures, calibration_figures, choose_tau, holds, operating_curve, pose_error
 from ..evaluation.predict import predict
@@ -96,8 +96,9 @@ def _select(x: Inputs, index: Tensor) -> Inputs:
 
 
 def _stage_data(part: Dataset) -> tuple[Inputs, Tensor, Tensor]:
-    """Inputs, stability (n), and what stage 2 is held against: motion and taut tendons (n, 6 + B)."""
-    motion = np.hstack([part.samples["dx_ht"], part.taut()])
+    """Inputs, stability (n), and what stage 2 is held against: motion and, where known, taut tendons (n, 6 + B)."""
+    taut = part.taut()
+    motion = part.samples["dx_ht"] if taut is None else np.hstack([part.samples["dx_ht"], taut])
     stable = torch.as_tensor(part.samples["stable"] > 0)
     return part.inputs(), stable, torch.as_tensor(motion, dtype=torch.float32)
 
@@ -336,15 +337,16 @@ class _Board:
 
 def _check_parts(parts: dict[str, Dataset]) -> None:
     for name, part in parts.items():
+        make = "measure" if part.measured else "simulate"
         grasps, stable = len(np.unique(part.samples["grasp_id"])), int(part.samples["stable"].sum())
         if grasps < LEAST_GRASPS[name]:
             raise AminnError(
-                f"the {name} split has {grasps} grasps, training needs {LEAST_GRASPS[name]} or more: simulate more"
+                f"the {name} split has {grasps} grasps, training needs {LEAST_GRASPS[name]} or more: {make} more"
             )
         if stable == 0 or stable == len(part):
             raise AminnError(
                 f"the {name} split has {stable} stable of {len(part)} samples; training needs both outcomes: "
-                "simulate more grasps"
+                f"{make} more grasps"
             )
 
 
@@ -494,7 +496,7 @@ def _result(model: Aminn | Mlp, parts: dict[str, Dataset], dataset: Dataset) -> 
         "validation": figures,
         "data": {
             "hand": dataset.hand.name,
-            "simulator": manifest.get("simulator", ""),
+            "simulator": MEASURED if dataset.measured else manifest.get("simulator", ""),
             **{f"{name}_samples": len(part) for name, part in parts.items()},
             **{f"{name}_grasps": len(np.unique(part.samples["grasp_id"])) for name, part in parts.items()},
         },

@@ -1,0 +1,82 @@
+"""Measured pushes on their way into a data set: whose hand they are of, what is missing, and the folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from aminn.data.dataset import load_dataset
+from aminn.data.measured import mean_forces, write_measured
+from aminn.model.checkpoint import META, load_checkpoint
+from aminn_base.errors import AminnError
+from aminn_hand import Hand
+from aminn_table import TableError, complete, read_table
+from aminn_table.columns import FORCE, LABELLED, MEASURED, ON, Arrays
+
+SHOWN_FAULTS = 30
+Like = tuple[Hand, list[float] | None]
+"""A hand, and the mean normal force of each branch's contacts (B), N, where that is known."""
+
+
+def hand_of(file: Path | None, like: Path | None) -> Like:
+    """The hand of a hand file, or that of a run or data set. Raises AminnError unless it is one of them."""
+    if (file is None) == (like is None):
+        raise AminnError("say whose hand it is: --hand HAND.toml, or --like a run or data set of the same hand")
+    if file is not None:
+        from aminn_sim.understand import understand
+
+        return understand(file).hand, None
+    assert like is not None
+    if (like / META).is_file():
+        model = load_checkpoint(like).model
+        return model.hand, mean_forces(model)
+    data = load_dataset(like)
+    contacts = data.samples["contacts"]
+    on = contacts[..., ON] > 0
+    return data.hand, ((contacts[..., FORCE] * on).sum(0) / np.maximum(on.sum(0), 1)).tolist()
+
+
+def run_import(
+    tables: Sequence[Path], hand: Path | None, like: Path | None, out: Path, echo: Callable[[str], object]
+) -> dict:
+    """Check tables of pushes and write them as one data set to folder `out`; returns its manifest.
+
+    `echo` gets every fault of a table before the error is raised, and a line for each sensor that something stands in
+    for. Nothing is written where a table has a fault.
+    """
+    of, forces = hand_of(hand, like)
+    parts = [_read(table, of, echo) for table in tables]
+    arrays, notes = complete(of, _together(tables, parts), forces)
+    arrays = {name: values for name, values in arrays.items() if name in MEASURED}
+    manifest = write_measured(out, of, arrays, notes)
+    for note in notes:
+        echo(note)
+    return manifest
+
+
+def _read(table: Path, hand: Hand, echo: Callable[[str], object]) -> Arrays:
+    try:
+        return read_table(table, hand, LABELLED)
+    except TableError as error:
+        for fault in error.faults[1 : SHOWN_FAULTS + 1]:
+            echo(f"{table}: {fault}")
+        raise
+
+
+def _together(tables: Sequence[Path], parts: Sequence[Arrays]) -> Arrays:
+    """Tables one after the other. Raises AminnError where they do not tell the same, or share a grasp."""
+    first, holder = parts[0], dict[int, Path]()
+    for table, part in zip(tables, parts, strict=True):
+        told, wanted = (set(p) & set(MEASURED) for p in (part, first))
+        if odd := sorted(told ^ wanted):
+            has, lacks = (table, tables[0]) if odd[0] in told else (tables[0], table)
+            raise AminnError(f"{has}: tells {odd[0]}, {lacks} does not; import them as data sets of their own")
+        for grasp in np.unique(part["grasp_id"]).tolist():
+            if grasp in holder:
+                raise AminnError(
+                    f"{table}: grasp_id {grasp} is in {holder[grasp]} too; give each closing of the hand its own number"
+                )
+            holder[grasp] = table
+    return {name: np.concatenate([part[name] for part in parts]) for name in first if name in MEASURED}
