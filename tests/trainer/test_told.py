@@ -18,12 +18,14 @@ from aminn.data.dataset import Dataset, load_dataset
 from aminn.evaluation.evaluate import evaluate
 from aminn.evaluation.predict import predict, predict_states
 from aminn.hand.closure import closure
+from aminn.hand.nominal import nominal_of
 from aminn.hand.symmetry import Reflection
 from aminn.model.baseline import Mlp, n_parameters
 from aminn.model.checkpoint import Checkpoint, load_checkpoint
 from aminn.model.config import MechanicsConfig, ModelConfig, TrainConfig
 from aminn.model.export_tables import export_tables
 from aminn.model.network import Aminn
+from aminn.pages.explain import explain_sample
 from aminn.training.train import model_config, train
 from aminn_base.errors import AminnError
 from aminn_hand import Hand
@@ -231,6 +233,17 @@ def test_the_formula_stands_beside_the_runs_with_theta_and_without(
     known, unknown = (table[name]["relative_error_median_all"] for name in ("analytical", "analytical_nominal"))
     assert known < unknown
     assert "analytical_nominal" not in evaluate(list(runs.values()), dataset).table
+
+
+def test_the_explanation_compares_with_the_hand_that_theta_describes(
+    varied: Dataset, told: dict[str, Checkpoint]
+) -> None:
+    e = explain_sample(told["aminn"], varied, 3)
+    own = nominal_of(Theta(HAND).varied(varied.samples["theta"][3]))
+    factor = np.zeros((3, 3, 3))
+    rows, cols = np.transpose(HAND.dims.cholesky_entries)
+    factor[:, rows, cols] = own.chol
+    np.testing.assert_allclose(e.nominal_stiffness, (factor**2).sum(2), rtol=1e-5)
 
 
 def test_untold_training_is_the_same_whether_told_so_or_not(dataset: Dataset, tmp_path: Path) -> None:

@@ -108,11 +108,12 @@ def explain_sample(checkpoint: Checkpoint, data: Dataset, sample: int) -> Explan
         raise AminnError(f"sample {sample} is not there: the data set has load cases 0 to {len(data) - 1}")
     check_hand(checkpoint, data)
     with torch.no_grad():
-        out = model.debug(**data.take(np.array([sample])).inputs())
+        x = data.take(np.array([sample])).inputs()
+        out, (chol, _) = model.debug(**x), model.stage2.backbone.nominal(x.get("theta"))
     value = {name: v[0].double().numpy() for name, v in out.items()}
     rows, cols = np.transpose(dims.cholesky_entries)
     lower = np.zeros((dims.branches, dims.coordinates, dims.coordinates))
-    lower[:, rows, cols] = model.stage2.backbone.chol_nom.double().numpy()
+    lower[:, rows, cols] = chol[..., 0].mT.double().numpy()
     return Explanation(
         sample,
         data,

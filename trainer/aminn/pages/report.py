@@ -31,7 +31,13 @@ Array = NDArray[np.float64]
 Value = float | int | str | bool | None
 
 NAMES = KIND_NAMES | BASELINES
-COLOURS = {"aminn": "#1f5fa8", "mlp": "#d9772b", "analytical": "#7a7a7a", "label": "#111111"}
+COLOURS = {
+    "aminn": "#1f5fa8",
+    "mlp": "#d9772b",
+    "analytical": "#7a7a7a",
+    "analytical_nominal": "#b5b5b5",
+    "label": "#111111",
+}
 OTHER_COLOURS = ("#3a8f5c", "#8a5aa6", "#b03a48", "#5b8aa6")
 GRID = "#dddddd"
 
