@@ -14,6 +14,7 @@ from aminn_sim import SimulationConfig, SimulationError, _core
 from aminn_sim.crosscheck import crosscheck
 from aminn_sim.current_mujoco import CurrentGrasp, rotation_vector
 from aminn_sim.open_hand import OpenHand, open_hand
+from aminn_sim.vary import theta_of
 
 pytest.importorskip("mujoco", reason="the extra mujoco is not installed")
 
@@ -35,6 +36,18 @@ def test_displacements_agree(hand_file: OpenHand) -> None:
     assert figures["current_mujoco_cases"] >= 8
     assert figures["current_mujoco_relative_difference_median"] < 0.05
     assert figures["current_mujoco_rest_shift_m_max"] < 1e-5
+
+
+def test_displacements_of_varied_hands_agree(hand_file: OpenHand) -> None:
+    config = SimulationConfig(vary_mechanics=1.0)
+    figures = crosscheck(config, hand_file, seed=5, grasps=4, cases=3)
+    assert figures["current_mujoco_cases"] >= 4
+    assert figures["current_mujoco_relative_difference_median"] < 0.05
+    assert figures["current_mujoco_rest_shift_m_max"] < 1e-5
+    simulator, theta = hand_file.simulator(), theta_of(config, hand_file.hand, 0)
+    session = _core.Session(simulator, config.options(), 5, 0, 0, 0, [0], theta)
+    as_described = CurrentGrasp(hand_file, session.scene())
+    assert np.linalg.norm(as_described.load(np.zeros(6), 0.2, 0.2)[:3]) > 1e-4  # at rest in the varied hand alone
 
 
 def test_the_comparison_would_notice(hand_file: OpenHand, session: _core.Session) -> None:

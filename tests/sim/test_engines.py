@@ -42,6 +42,13 @@ def test_ray_gives_the_bytes_of_threads(cluster: None, dataset_dir: Path, tmp_pa
     assert files(tmp_path / "data") == files(dataset_dir)
 
 
+def test_ray_simulates_the_hands_of_threads(cluster: None, tmp_path: Path) -> None:
+    config = SimulationConfig(**SMALL | {"vary_mechanics": 0.5, "grasps_per_hand": 5})
+    for engine in ENGINES:
+        simulate(config, tmp_path / engine, progress=False, engine=engine)
+    assert files(tmp_path / "ray") == files(tmp_path / "threads")
+
+
 def test_ray_goes_on_with_what_threads_began(cluster: None, dataset_dir: Path, tmp_path: Path) -> None:
     began = begin(dataset_dir, tmp_path / "data") / shard_name(0)
     time_before = began.stat().st_mtime_ns
