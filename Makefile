@@ -36,11 +36,11 @@ SHELL := /bin/bash
 # --- what is stale when -------------------------------------------------------------------------------------------
 sources = $(shell find $(wildcard $(1)) -type f -not -name '*.pyc' -not -path '*/.*')
 RUNTIME_SOURCES := CMakeLists.txt $(filter-out %.py runtime/firmware/%,$(call sources,runtime))
-MODULE_SOURCES  := pyproject.toml $(RUNTIME_SOURCES) $(filter-out %.py,$(call sources,sim tools/export))
+MODULE_SOURCES  := pyproject.toml $(RUNTIME_SOURCES) $(filter-out %.py,$(call sources,sim tools/rt))
 TEST_SOURCES    := $(filter-out %.py,$(call sources,tests/runtime tests/golden))
 FIRMWARE_SOURCES := $(RUNTIME_SOURCES) $(filter-out %.py,$(call sources,runtime/firmware tests/golden))
 FUZZ_SOURCES    := $(RUNTIME_SOURCES) $(filter-out %.py,$(call sources,tests/fuzz tests/golden))
-FORMATTED       := $(filter %.c %.h %.cpp %.hpp,$(call sources,sim runtime tools/export tests/runtime tests/fuzz))
+FORMATTED       := $(filter %.c %.h %.cpp %.hpp,$(call sources,sim runtime tools/rt tests/runtime tests/fuzz))
 PYTHON_PACKAGES := $(wildcard sim/aminn_* trainer/aminn tools/*/aminn_*)
 PYTHON_FOLDERS  := $(wildcard sim trainer tools tests runtime)
 

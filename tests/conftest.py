@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,14 @@ from aminn_base.files import write_json
 
 Figures = dict[str, float | int | str | bool]
 _trust = pytest.StashKey[Figures]()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def runtimes_of_other_hands() -> Iterator[None]:
+    """Kept in the build folder, so that they are compiled once and no home folder is written to."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(Path(__file__).resolve().parent.parent / "build" / "cache"))
+        yield
 
 
 @pytest.fixture(scope="session")

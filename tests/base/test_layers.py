@@ -11,13 +11,21 @@ FOLDERS = {
     "aminn_base": "tools/base",
     "aminn_hand": "tools/hand",
     "aminn_table": "tools/table",
+    "aminn_rt": "tools/rt",
     "aminn": "trainer",
     "aminn_sim": "sim",
     "aminn_export": "tools/export",
     "aminn_app": "tools/app",
 }
 # Each may import those of the floors below, not those beside it.
-FLOORS = (("aminn_base",), ("aminn_hand",), ("aminn_table",), ("aminn", "aminn_sim"), ("aminn_export",), ("aminn_app",))
+FLOORS = (
+    ("aminn_base",),
+    ("aminn_hand",),
+    ("aminn_rt", "aminn_table"),
+    ("aminn", "aminn_sim"),
+    ("aminn_export",),
+    ("aminn_app",),
+)
 ROOMS = {
     "aminn": ("hand", "model", "data", "evaluation", "training", "pages"),
     "aminn_export": ("files", "samples", "replay", "judge", "export"),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -22,14 +21,6 @@ from aminn.model.config import TrainConfig  # noqa: E402
 from aminn.model.network import Aminn, ModelConfig  # noqa: E402
 from aminn.training.train import identity_of  # noqa: E402
 from aminn_export.export import write_model_files  # noqa: E402
-
-
-@pytest.fixture(scope="session", autouse=True)
-def runtimes_of_other_hands() -> Iterator[None]:
-    """Kept in the build folder, so that they are compiled once and no home folder is written to."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_CACHE_HOME", str(TESTS.parent / "build" / "cache"))
-        yield
 
 
 @pytest.fixture(scope="session")

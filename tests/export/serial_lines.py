@@ -9,10 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from aminn_export.files.layout import FORMAT_VERSION as MODEL_FORMAT_VERSION
 from aminn_export.replay import serial_protocol as protocol
 from aminn_export.replay.serial_line import Line
 from aminn_export.replay.serial_protocol import Identity, frame
+from aminn_rt.blob import FORMAT_VERSION as MODEL_FORMAT_VERSION
 
 Disturb = Callable[[bytes], bytes]
 Arrivals = Callable[[bytes], list[tuple[float, bytes]]]

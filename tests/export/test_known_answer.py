@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import struct
 import subprocess
-import sys
 import zlib
 from pathlib import Path
 
@@ -17,20 +16,19 @@ from aminn.data.dataset import SPLITS, load_dataset, split_of
 from aminn.model.checkpoint import load_checkpoint
 from aminn.model.export_tables import export_tables
 from aminn_base.errors import AminnError
-from aminn_export import _runtime
 from aminn_export.export import export
 from aminn_export.files.bin_model import bin_model_bytes, read_bin_model
-from aminn_export.files.compiled import runtime
 from aminn_export.files.known_answer import REFERENCE_GRASP, answered
-from aminn_export.files.ranges import STATE_FIELDS
 from aminn_export.replay.runtime_place import find_in
 from aminn_export.samples.vectors import read_results, read_vectors
+from aminn_hand.hand import STATE
+from aminn_rt.compiled import runtime
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
 
 
 def status_of(blob: bytes) -> str:
-    return _runtime.status_name(_runtime.self_test(blob))
+    return runtime().status_name(runtime().self_test(blob))
 
 
 def test_the_module_gives_the_bits_of_aminn_replay(build_dir: Path, tmp_path: Path) -> None:
@@ -40,7 +38,7 @@ def test_the_module_gives_the_bits_of_aminn_replay(build_dir: Path, tmp_path: Pa
     inputs, results = read_vectors(vectors).inputs, read_results(out)
     n = len(inputs["q"])
     rows = np.concatenate([v.reshape(n, -1) for v in inputs.values()], 1)
-    outputs, stages, status = _runtime.run(model.read_bytes(), rows)
+    outputs, stages, status = runtime().run(model.read_bytes(), rows)
     replayed = np.concatenate([v.reshape(n, -1) for v in results.outputs.values()], 1)
     np.testing.assert_array_equal(outputs[:, :46], replayed.view(np.uint32))
     np.testing.assert_array_equal(outputs[:, 47], results.stable)
@@ -51,9 +49,9 @@ def test_the_module_gives_the_bits_of_aminn_replay(build_dir: Path, tmp_path: Pa
 def test_the_module_refuses_what_is_no_model_and_rows_of_another_length() -> None:
     state = np.zeros((1, 44), np.float32)
     with pytest.raises(ValueError, match="not an AMINN model"):
-        _runtime.run(bytes(1000), state)
+        runtime().run(bytes(1000), state)
     with pytest.raises(ValueError, match=r"44 \(a state\) or 125"):
-        _runtime.run((GOLDEN / "aminn_model.bin").read_bytes(), np.zeros((1, 43), np.float32))
+        runtime().run((GOLDEN / "aminn_model.bin").read_bytes(), np.zeros((1, 43), np.float32))
 
 
 def test_every_exported_model_passes_its_self_test(checkpoint_dir: Path, data_dir: Path, tmp_path: Path) -> None:
@@ -77,7 +75,7 @@ def test_the_known_state_is_a_stable_training_sample(checkpoint_dir: Path, data_
     export(checkpoint_dir, tmp_path / "out", data_dir=data_dir)
     model = read_bin_model(tmp_path / "out" / "aminn_model.bin")
     samples = load_dataset(data_dir).samples
-    states = np.concatenate([samples[k].reshape(len(samples["q"]), -1) for k in STATE_FIELDS], 1).astype(np.float32)
+    states = np.concatenate([samples[k].reshape(len(samples["q"]), -1) for k in STATE], 1).astype(np.float32)
     rows = np.flatnonzero((states == np.asarray(model.meta["known_state"], np.float32)).all(1))
     assert len(rows) >= 1
     assert (samples["stable"][rows] > 0).all()
@@ -102,7 +100,7 @@ def test_identity(checkpoint_dir: Path, data_dir: Path, tmp_path: Path) -> None:
     first, second = (read_bin_model(tmp_path / folder / "left.bin").meta for folder in ("a", "b"))
     assert first["name"] == "left" and second["name"] == "Left hand, version 2"
     assert '.name = "Left hand, version 2"' in (tmp_path / "b" / "left.c").read_text()
-    assert first["made_by"] == f"aminn {_runtime.version()}"
+    assert first["made_by"] == f"aminn {runtime().version()}"
     assert first["checkpoint_sha256"] == load_checkpoint(checkpoint_dir).sha256
 
 
@@ -146,7 +144,7 @@ def test_models_of_version_6_are_refused_by_number(build_dir: Path, tmp_path: Pa
 
 
 def test_without_the_compiled_runtime_the_remedy_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delattr("aminn_export._runtime")
-    monkeypatch.setitem(sys.modules, "aminn_export._runtime", None)
+    runtime.cache_clear()
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     with pytest.raises(AminnError, match="install the package again"):
         runtime()

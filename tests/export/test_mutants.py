@@ -23,7 +23,7 @@ from runtime_models import random_inputs, random_model
 from aminn_export.export import write_model_files
 from aminn_export.files.bin_model import BinModel, model_crc, read_bin_model, write_bin_model
 from aminn_export.files.layout import layout_of, tensor_name
-from aminn_export.files.packing import output_words, room
+from aminn_export.files.packing import room
 from aminn_export.files.tables import Exported, dims_of
 from aminn_export.judge.compare import compare_files
 from aminn_export.judge.identity import misfits
@@ -40,6 +40,7 @@ from aminn_export.samples.vectors import (
     write_results,
     write_vectors,
 )
+from aminn_rt.blob import output_words
 
 ROOT = Path(__file__).resolve().parents[2]
 GOLDEN = ROOT / "tests" / "golden"

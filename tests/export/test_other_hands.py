@@ -11,15 +11,14 @@ from hands import HANDS, random_model
 
 from aminn.data.dataset import Dataset
 from aminn_base.errors import AminnError
-from aminn_export import _runtime
 from aminn_export.export import write_model_files
-from aminn_export.files import compiled
 from aminn_export.files.bin_model import bin_model_bytes, read_bin_model
-from aminn_export.files.compiled import runtime_for
 from aminn_export.files.hand_header import HAND_HEADER, header_beside, name_in, same_build
 from aminn_export.files.tables import branch_joints, dims_of
 from aminn_export.judge.identity import check_model_hand, misfits
 from aminn_export.replay.runtime_place import find_in
+from aminn_rt import compiled
+from aminn_rt.compiled import runtime, runtime_for
 
 RUNTIME = Path(__file__).resolve().parents[2] / "runtime"
 
@@ -57,7 +56,7 @@ def test_a_model_of_another_hand_has_all_files(other_dir: Path) -> None:
     assert bin_model_bytes(model) == blob
     dims = dims_of(model.tensors)
     assert runtime_for(dims).self_test(blob) == 0
-    assert _runtime.status_name(_runtime.self_test(blob)) == "AMINN_E_DIMS"  # by the reference hand's library
+    assert runtime().status_name(runtime().self_test(blob)) == "AMINN_E_DIMS"  # by the reference hand's library
     header = header_beside(other_dir)
     assert header is not None and name_in(header) in other_dir.name
     hand = HANDS[name_in(header)]()
@@ -127,7 +126,7 @@ def test_soft_fingertips_are_told_from_points(gripper_dir: Path, point_dir: Path
         model, blob = read_bin_model(folder / "aminn_model.bin"), (folder / "aminn_model.bin").read_bytes()
         assert runtime_for(dims_of(model.tensors)).self_test(blob) == 0
         library = runtime_for(dims_of(read_bin_model(other / "aminn_model.bin").tensors))
-        assert _runtime.status_name(library.self_test(blob)) == "AMINN_E_DIMS"
+        assert runtime().status_name(library.self_test(blob)) == "AMINN_E_DIMS"
         wrong = compiled_model(folder, "aminn_model", f'-DAMINN_HAND_HEADER="{other / HAND_HEADER}"')
         assert wrong.returncode and "this model is for another hand" in wrong.stderr
         assert not same_build(folder / HAND_HEADER, other / HAND_HEADER)

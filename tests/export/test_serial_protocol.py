@@ -33,7 +33,6 @@ from serial_lines import (
 
 from aminn_base.errors import AminnError
 from aminn_export.files.bin_model import read_bin_model
-from aminn_export.files.layout import FORMAT_VERSION as MODEL_FORMAT_VERSION
 from aminn_export.judge.verify import verify
 from aminn_export.replay import serial_line, serial_protocol
 from aminn_export.replay.firmware import build_firmware
@@ -41,6 +40,7 @@ from aminn_export.replay.serial_line import Line, open_port
 from aminn_export.replay.serial_protocol import ANSWER, QUESTION, Conversation, ask, check_identity, frame, identity_of
 from aminn_export.samples.golden import run_onnx, single_thread_session
 from aminn_export.samples.vectors import write_vectors
+from aminn_rt.blob import FORMAT_VERSION as MODEL_FORMAT_VERSION
 
 Figures = dict[str, float | int | str | bool]
 FLOATS = np.arange(1, 126, dtype="<f4").tobytes()

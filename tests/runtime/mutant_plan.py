@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aminn_export.files.layout import SCALARS, STAGE_SCALARS, layout_of
-from aminn_export.files.packing import BODY, HEAD, room
+from aminn_export.files.packing import room
 from aminn_export.files.tables import Exported
+from aminn_rt.blob import BODY, HEAD
 
 HALF = 1 << 31
 """Set in the plan's word of a float16."""

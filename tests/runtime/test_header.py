@@ -6,8 +6,9 @@ import re
 from pathlib import Path
 
 from aminn_export.files import layout
-from aminn_export.files.hand_header import hand_header
 from aminn_hand.hand import N_CONTACT_FEATURE, N_WRENCH
+from aminn_rt import blob
+from aminn_rt.hand_header import hand_header
 from aminn_sim.open_hand import default_hand_file
 from aminn_sim.understand import understand
 
@@ -54,7 +55,7 @@ def test_network_dimensions() -> None:
     assert macro("AMINN_N_STATE") == DIMS.state
     assert macro("AMINN_N_INPUT") == DIMS.input
     assert macro("AMINN_N_OUTPUT") == DIMS.output
-    assert macro("AMINN_FORMAT_VERSION") == layout.FORMAT_VERSION
+    assert macro("AMINN_FORMAT_VERSION") == blob.FORMAT_VERSION
 
 
 def test_dq0_codes() -> None:

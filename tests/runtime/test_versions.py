@@ -37,7 +37,7 @@ def test_versions_are_equal_everywhere() -> None:
 
 
 def test_the_format_version_is_the_exporters() -> None:
-    from aminn_export.files.layout import FORMAT_VERSION
+    from aminn_rt.blob import FORMAT_VERSION
 
     text = (TREE / "runtime/include/aminn_rt.h").read_text()
     assert int(re.search(r"#define AMINN_FORMAT_VERSION (\d+)u", text)[1]) == FORMAT_VERSION

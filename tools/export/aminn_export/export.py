@@ -16,11 +16,11 @@ from aminn_base.errors import AminnError, WriteError
 from aminn_base.files import write_atomically
 from aminn_base.lock import locked_folder
 from aminn_base.read import AnyPath
+from aminn_rt.compiled import runtime
 
 from .files.bin_model import BinModel, write_bin_model
 from .files.c_model import write_c_model
 from .files.c_names import check_prefix
-from .files.compiled import runtime
 from .files.hand_header import write_hand_header
 from .files.known_answer import informative_state
 from .files.layout import WEIGHT_CODES, checked_name, default_name

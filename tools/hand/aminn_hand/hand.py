@@ -38,7 +38,9 @@ N_CONTACT_FEATURE = 8
 """In contact, position (3), normal (3), normal force."""
 N_GATE = 3
 """alpha (1/rad), beta (rad), rho."""
-INPUTS = ("q", "x_ht", "w_e", "contacts", "j_x", "j_q")
+STATE = ("q", "x_ht", "w_e", "contacts")
+"""What is measured before a load, and the load (`aminn_state_t` of the C runtime)."""
+INPUTS = (*STATE, "j_x", "j_q")
 OUTPUTS = ("p_stable", "dx_ht", "k_x", "gate")
 """Of a model, in their order; `Dims.inputs` and `Dims.outputs` have the shapes."""
 

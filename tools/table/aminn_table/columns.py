@@ -13,15 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aminn_hand import Hand
-from aminn_hand.hand import N_CONTACT_FEATURE, N_WRENCH
+from aminn_hand.hand import N_CONTACT_FEATURE, N_WRENCH, STATE
 from aminn_hand.theta import Theta
 
 Arrays = dict[str, NDArray]
 """Measured numbers by the names of a model's inputs and outputs, each with a row a push."""
 
 PALM = "H"
-STATE = ("q", "x_ht", "w_e", "contacts")
-"""What a prediction needs."""
 PUSH = (*STATE, "dx_ht")
 """What a calibration needs."""
 LABELLED = (*PUSH, "grasp_id")

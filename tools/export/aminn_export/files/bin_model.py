@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,12 +12,11 @@ from numpy.typing import NDArray
 from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
 from aminn_base.read import AnyPath
-from aminn_hand.hand import MAX_BRANCHES, MAX_COORDINATES, MIN_BRANCHES, Dims
+from aminn_rt.blob import BODY, HEAD, check_blob, dims_in, header_dims, names_in, output_words
 
 from .known_answer import answered
 from .layout import (
     DQ0_CODES,
-    FORMAT_VERSION,
     NAME_ROOM,
     SCALARS,
     STAGE_SCALARS,
@@ -30,10 +28,8 @@ from .layout import (
     tensor_name,
     tensor_order,
 )
-from .packing import BODY, HEAD, MAGIC, content_crc, header_dims, output_words, pack, room, twisted
+from .packing import content_crc, pack, room
 from .tables import STAGES, Exported, branch_joints, dims_of, shortest
-
-_TWIST = 23  # of BODY's fields: how many fingertips resist twisting
 
 
 @dataclass(frozen=True)
@@ -59,39 +55,13 @@ def write_bin_model(exported: Exported, path: AnyPath) -> None:
     write_atomically(Path(path), bin_model_bytes(exported))
 
 
-def _check(blob: bytes, path: Path) -> None:
-    """Raise AminnError unless the blob is whole and of this version."""
-    if len(blob) < HEAD.size + BODY.size:
-        raise AminnError(f"{path}: truncated: {len(blob)} bytes")
-    magic, version, size, crc = HEAD.unpack_from(blob)
-    if magic != MAGIC:
-        raise AminnError(f"{path}: not an AMINN model (wrong magic)")
-    if version != FORMAT_VERSION:
-        raise AminnError(f"{path}: format version {version}, this program reads {FORMAT_VERSION}; export it again")
-    if size != len(blob):
-        raise AminnError(f"{path}: {len(blob)} bytes, its header says {size}: truncated or overwritten")
-    if zlib.crc32(blob[HEAD.size :]) != crc:
-        raise AminnError(f"{path}: damaged: its CRC-32 does not match")
-
-
-def _dims(found: tuple[int, ...], twist: int, path: Path) -> Dims:
-    """The counts of the hand that a header states. Raises AminnError for those of none."""
-    branches, coordinates, joints, _, _, gates = found
-    dims = Dims(branches, coordinates, joints, gates, gates, twist > 0)
-    inside = MIN_BRANCHES <= branches <= MAX_BRANCHES and 1 <= coordinates <= MAX_COORDINATES and gates <= branches
-    inside = inside and twist == twisted(dims)
-    if not inside or not branches <= joints <= branches * coordinates or found != tuple(header_dims(dims).values()):
-        raise AminnError(f"{path}: dimensions {(*found, twist)} are those of no hand")
-    return dims
-
-
 def read_bin_model(path: AnyPath) -> BinModel:
     """Read a blob back. Raises AminnError on a damaged file, OSError if it cannot be read."""
     path = Path(path)
     blob = path.read_bytes()
-    _check(blob, path)
+    check_blob(blob, path)
     fields = BODY.unpack_from(blob, HEAD.size)
-    dims = _dims(fields[1:7], fields[_TWIST], path)
+    dims = dims_in(blob, path)
     hc, h, hd, dq0, weights = fields[7:12]
     names = {code: name for name, code in DQ0_CODES.items()}, {code: name for name, code in WEIGHT_CODES.items()}
     if dq0 not in names[0] or weights not in names[1]:
@@ -114,9 +84,7 @@ def read_bin_model(path: AnyPath) -> BinModel:
     known_state = np.frombuffer(blob, "<f4", dims.state, at)
     meta = dict(zip(SCALARS, fields[13:17], strict=True))
     meta |= {name: list(fields[19 + 2 * i : 21 + 2 * i]) for i, name in enumerate(STAGE_SCALARS)}
-    meta |= {
-        kind: text.rstrip(b"\0").decode("ascii", "replace") for kind, text in zip(NAME_ROOM, fields[24:], strict=True)
-    }
+    meta |= dict(zip(NAME_ROOM, names_in(blob), strict=True))
     meta |= {
         "format_version": TABLES_VERSION,
         "weights": names[1][weights],

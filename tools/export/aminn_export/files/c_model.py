@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from aminn_base.files import write_atomically
 from aminn_base.read import AnyPath
-from aminn_hand.hand import Dims
+from aminn_hand.hand import STATE, Dims
+from aminn_rt.blob import FORMAT_VERSION, header_dims, twisted
 
 from .c_names import check_prefix
 from .known_answer import answered
-from .layout import FORMAT_VERSION, NAME_ROOM, OPTIONAL_TABLES, SCALARS, STAGE_SCALARS, Layout, Table, default_name
-from .packing import KnownAnswer, content_crc, header_dims, twisted
-from .ranges import STATE_FIELDS
+from .layout import NAME_ROOM, OPTIONAL_TABLES, SCALARS, STAGE_SCALARS, Layout, Table, default_name
+from .packing import KnownAnswer, content_crc
 from .tables import STAGES, Exported
 
 _VALUES_PER_LINE = 6
@@ -72,7 +72,7 @@ def _members(row: NDArray[np.float32], shapes: dict[str, tuple[int, ...]]) -> li
 
 def _known_answer(name: str, dims: Dims, answer: KnownAnswer) -> str:
     outputs = answer.output.view(np.float32)
-    state = _members(answer.state, {field: dims.inputs[field] for field in STATE_FIELDS})
+    state = _members(answer.state, {field: dims.inputs[field] for field in STATE})
     output = _members(outputs, dims.outputs | {"condition": ()})
     output += [f".stable = {answer.output[-2]}, .notes = {answer.output[-1]}u,"]
     structs = ["{\n        " + "\n        ".join(lines) + "\n    }" for lines in (state, output)]

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from aminn.data.dataset import SPLITS, Dataset, split_of
 from aminn.evaluation.metrics import holds
 from aminn_base.errors import AminnError
-from aminn_hand.hand import N_WRENCH, Dims
+from aminn_hand.hand import N_WRENCH, STATE, Dims
+from aminn_rt.blob import output_words
+from aminn_rt.compiled import is_own, runtime, runtime_for
 
-from .compiled import is_own, runtime, runtime_for
 from .layout import Layout, layout_of
-from .packing import KnownAnswer, output_words, pack
-from .ranges import STATE_FIELDS
+from .packing import KnownAnswer, pack
 from .tables import Exported, dims_of
 
 _LOAD = (0.3, -0.5, -0.8, 0.01, 0.02, -0.01)
@@ -69,7 +69,7 @@ def _run(layout: Layout, states: NDArray[np.float32]) -> tuple[NDArray, NDArray,
         outputs, stages, status = runtime_for(layout.dims).run(blob, np.ascontiguousarray(states, np.float32))
     except ValueError as error:
         raise AminnError(f"export: the runtime refuses the {error}") from error
-    return outputs, stages, status[:, 0]
+    return outputs, stages, status
 
 
 def answered(exported: Exported) -> tuple[Layout, KnownAnswer]:
@@ -95,7 +95,7 @@ def informative_state(exported: Exported, dataset: Dataset) -> list[float]:
     rows = np.flatnonzero((split_of(samples["grasp_id"]) == SPLITS.index("train")) & (samples["stable"] > 0))
     if not len(rows):
         return [float(v) for v in built_in_state(exported)]
-    fields = [np.asarray(samples[name][rows], np.float32).reshape(len(rows), -1) for name in STATE_FIELDS]
+    fields = [np.asarray(samples[name][rows], np.float32).reshape(len(rows), -1) for name in STATE]
     states = np.concatenate(fields, 1)
     layout = layout_of(exported)
     outputs, _, status = _run(layout, states)

@@ -19,8 +19,6 @@ from aminn_hand.hand import N_GATE, N_WRENCH, Dims
 from .head import head_order
 from .tables import STAGES, Exported, dims_of, pair_of
 
-FORMAT_VERSION = 7
-"""Of the C model and the binary (AMINN_FORMAT_VERSION in aminn_rt.h)."""
 TABLES_VERSION = 1
 """Of the tables that the trainer gives."""
 DQ0_CODES = {"statics": 0, "inverse": 1}

@@ -9,39 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aminn_hand.hand import N_CONTACT_FEATURE, N_WRENCH, Dims
+from aminn_rt.blob import BODY, FORMAT_VERSION, HEAD, MAGIC, header_dims, twisted
 
-from .layout import DQ0_CODES, FORMAT_VERSION, SCALARS, STAGE_SCALARS, WEIGHT_CODES, Layout, Table
+from .layout import DQ0_CODES, SCALARS, STAGE_SCALARS, WEIGHT_CODES, Layout, Table
 
-MAGIC = 0x4D4E4D41  # "AMNM"
 TABLE_ALIGNMENT = 64
 """Each table begins at a multiple of it, counted from the blob's start."""
-HEAD = struct.Struct("<4I")  # magic, format version, size, CRC-32 of what follows
-# CRC-32 of the content; dimensions, widths, dq0 and weights, CRC-32 of the known stages, scalars; SHA-256 of checkpoint
-# and data set; stage scalars; soft fingertips; name, hand, made by
-BODY = struct.Struct("<I6I3I2II4f32s32s4fI56s56s40s")
-
-
-def header_dims(dims: Dims) -> dict[str, int]:
-    """Members of `aminn_model_t` by which the runtime knows the hand, in the header's order."""
-    return {
-        "n_branch": dims.branches,
-        "n_coord": dims.coordinates,
-        "n_joint": dims.joints,
-        "n_contact_feature": N_CONTACT_FEATURE,
-        "n_wrench": N_WRENCH,
-        "n_gated": dims.gates,
-    }
-
-
-def twisted(dims: Dims) -> int:
-    """`n_twist` of `aminn_model_t`: how many fingertips resist twisting."""
-    return dims.branches if dims.twist else 0
-
-
-def output_words(dims: Dims) -> int:
-    """Words of `aminn_output_t`: the outputs, condition, stable, notes."""
-    return dims.output + 3
 
 
 @dataclass(frozen=True)

@@ -10,11 +10,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from aminn_hand.hand import Dims
+from aminn_hand.hand import STATE, Dims
 
 MARGIN = 0.05
 """Share of a field's range that it is widened by on both sides: unseen grasps of the same kind lie a little outside."""
-STATE_FIELDS = ("q", "x_ht", "w_e", "contacts")
 
 
 def _values(inputs: dict[str, NDArray]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -23,7 +22,7 @@ def _values(inputs: dict[str, NDArray]) -> tuple[NDArray[np.float64], NDArray[np
     closed = np.broadcast_to(contacts[..., :1] > 0, contacts.shape).copy()
     closed[..., 0] = True
     n = len(contacts)
-    values = np.concatenate([np.asarray(inputs[name], np.float64).reshape(n, -1) for name in STATE_FIELDS], 1)
+    values = np.concatenate([np.asarray(inputs[name], np.float64).reshape(n, -1) for name in STATE], 1)
     counts = np.ones_like(values, bool)
     counts[:, -contacts[0].size :] = closed.reshape(n, -1)
     return values, counts

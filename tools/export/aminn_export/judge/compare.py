@@ -10,9 +10,9 @@ import numpy as np
 
 from aminn_base.errors import AminnError
 from aminn_base.read import AnyPath
+from aminn_rt.blob import MAGIC as MODEL_MAGIC
 
 from ..files.bin_model import model_crc, read_bin_model
-from ..files.packing import MAGIC as MODEL_MAGIC
 from ..files.tables import dims_of
 from ..samples.vectors import RESULT_MAGIC, VECTOR_MAGIC, Results, magic_of, read_results, read_vectors
 from .verdict import Failure, Verdict, compare_bits, compare_within

@@ -18,10 +18,10 @@ from onnx import numpy_helper
 from aminn.data.dataset import Dataset
 from aminn.model.export_tables import geometry_tables
 from aminn_base.errors import AminnError
+from aminn_rt.compiled import runtime, runtime_for
 
 from ..files.bin_model import BinModel, model_crc
 from ..files.c_model import c_model_texts
-from ..files.compiled import runtime, runtime_for
 from ..files.hand_header import HAND_HEADER, fits, header_beside, name_in
 from ..files.onnx_model import DEBUG_FILE, ONNX_FILE, build_onnx, onnx_metadata
 from ..files.tables import dims_of

@@ -21,10 +21,9 @@ from aminn.evaluation.evaluate import align_columns
 from aminn.pages.grasp_picture import branch_points
 from aminn_base.errors import AminnError
 from aminn_hand import Hand
-from aminn_hand.hand import rotation, times
+from aminn_hand.hand import STATE, rotation, times
+from aminn_rt.compiled import runtime
 
-from ..files.compiled import runtime
-from ..files.ranges import STATE_FIELDS
 from .verify import scaled_norm
 
 Array = NDArray[np.float64]
@@ -150,14 +149,14 @@ def _states(dataset: Dataset) -> State:
     held = dataset.take(dataset.samples["stable"] > 0)
     rows = held.grasp_rows()
     weight = held.grasps["tool_mass_kg"][rows, None] * held.grasps["gravity_m_s2"][rows]
-    names = (*STATE_FIELDS, "dx_ht", "q_after")
+    names = (*STATE, "dx_ht", "q_after")
     return {name: np.array(held.samples[name], np.float64) for name in names} | {"weight_N": weight}
 
 
 def _outputs(blob: bytes, s: State) -> tuple[NDArray[np.uint32], NDArray[np.int32]]:
-    rows = np.concatenate([s[name].reshape(len(s["q"]), -1) for name in STATE_FIELDS], 1).astype(np.float32)
+    rows = np.concatenate([s[name].reshape(len(s["q"]), -1) for name in STATE], 1).astype(np.float32)
     outputs, _, status = runtime().run(blob, np.ascontiguousarray(rows))
-    return outputs, status[:, 0]
+    return outputs, status
 
 
 def chain_gap(hand: Hand, s: State) -> Array:

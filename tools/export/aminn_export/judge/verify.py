@@ -28,6 +28,7 @@ from aminn_base.files import write_atomically
 from aminn_base.read import AnyPath
 from aminn_base.run import run_program
 from aminn_hand.hand import INPUTS, LENGTH_M, OUTPUTS
+from aminn_rt.model import model_file
 
 from ..files.bin_model import BinModel, read_bin_model
 from ..files.hand_header import header_beside
@@ -124,11 +125,7 @@ def load_samples(source: AnyPath, min_samples: int | None = None, model: BinMode
 # --- replays --------------------------------------------------------------------------------------------------------
 def model_prefix(export_dir: Path) -> str:
     """Symbol prefix of the C model in an export folder: of the header that has a binary model beside it."""
-    names = [h.stem for h in sorted(export_dir.glob("*.h")) if h.with_suffix(".bin").is_file()]
-    if len(names) != 1:
-        found = ", ".join(names) or "none"
-        raise AminnError(f"{export_dir}: one C model with its .bin expected (`aminn export` writes it); found: {found}")
-    return names[0]
+    return model_file(export_dir).stem
 
 
 def onnx_session(model_dir: Path, prefix: str) -> ort.InferenceSession:

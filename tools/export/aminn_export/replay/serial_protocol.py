@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError
+from aminn_rt.blob import FORMAT_VERSION
 
 from ..files.bin_model import BinModel, model_crc
-from ..files.layout import FORMAT_VERSION
 from ..files.tables import dims_of
 from ..samples.vectors import pack, write_results
 from .serial_line import BAUD_NAME, Line, open_port

@@ -1,0 +1,199 @@
+"""The module aminn_rt: the compiled runtime for Python programs that predict much."""
+
+from __future__ import annotations
+
+import pickle
+import re
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from aminn_base.errors import AminnError
+from aminn_export.export import write_model_files
+from aminn_export.files.bin_model import read_bin_model
+from aminn_export.samples.vectors import Vectors
+from aminn_rt import Model, Note, Prediction
+from aminn_rt.compiled import runtime_for
+from aminn_rt.model import model_file
+
+ROOT = Path(__file__).resolve().parents[2]
+GOLDEN = ROOT / "tests" / "golden"
+States = dict[str, NDArray[np.float32]]
+FIELDS = ("p_stable", "holds", "dx_ht", "k_x", "gate", "condition", "notes", "status")
+
+
+@pytest.fixture(scope="module")
+def model() -> Model:
+    return Model.load(GOLDEN)
+
+
+def same(a: Prediction, b: Prediction, rows: slice = slice(None)) -> None:
+    for name in FIELDS:
+        assert getattr(a, name).tobytes() == getattr(b, name)[rows].tobytes(), name
+
+
+def rows_of(states: States, rows: slice | NDArray) -> States:
+    return {name: values[rows] for name, values in states.items()}
+
+
+def test_it_predicts_what_onnx_runtime_does(model: Model, vectors: Vectors) -> None:
+    found = model.predict(**vectors.inputs, always=True)
+    assert not found.status.any()
+    wanted = vectors.reference
+    np.testing.assert_allclose(found.p_stable, wanted["p_stable"], atol=1e-5)
+    np.testing.assert_array_equal(found.holds, wanted["p_stable"] >= model.tau)
+    size = np.abs(wanted["dx_ht"]).max(1, keepdims=True)
+    assert (np.abs(found.dx_ht - wanted["dx_ht"]) < 1e-4 * size).all()
+    np.testing.assert_allclose(found.gate, wanted["gate"], atol=1e-4)
+    assert found.k_x.shape == (len(found), 6, 6) and (found.condition >= 1).all()
+
+
+def test_the_bits_are_those_of_the_known_answers_runtime(model: Model, states: States) -> None:
+    rows = np.concatenate([v.reshape(len(v), -1) for v in states.values()], 1)
+    outputs, _, status = runtime_for(model.dims).run(model_file(GOLDEN).read_bytes(), rows)
+    found = model.predict(**states, always=True)
+    assert found.dx_ht.tobytes() == outputs[:, 1:7].tobytes()
+    np.testing.assert_array_equal(found.status, status)
+
+
+def test_the_number_of_threads_changes_no_bit(model: Model, states: States) -> None:
+    many = {name: np.resize(values, (1003, *values.shape[1:])) for name, values in states.items()}
+    many["contacts"][::7, 0, 4:7] *= 2  # rows that are refused are somewhere in every thread's part
+    one = model.predict(**many, threads=1)
+    assert (one.status != 0).sum() == 144
+    for threads in (0, 2, 3, 7, 64):
+        same(model.predict(**many, threads=threads), one)
+
+
+def test_batches_of_any_size_are_parts_of_the_whole(model: Model, states: States) -> None:
+    whole = model.predict(**states)
+    for first, last in ((0, 0), (0, 1), (3, 4), (5, 132)):
+        same(model.predict(**rows_of(states, slice(first, last))), whole, slice(first, last))
+    single = model.predict(**{name: values[7] for name, values in states.items()})
+    assert len(single) == 1
+    same(single, whole, slice(7, 8))
+
+
+def test_one_grasp_and_many_loads(model: Model, states: States) -> None:
+    """An array with one row, or without the leading dimension, is the same for all."""
+    n, one = len(states["q"]), rows_of(states, slice(3, 4))
+    repeated = {name: np.repeat(values, n, 0) for name, values in one.items()} | {"w_e": states["w_e"]}
+    wanted = model.predict(**repeated)
+    same(model.predict(**one | {"w_e": states["w_e"]}), wanted)
+    same(model.predict(**{k: v[0] for k, v in one.items()} | {"w_e": states["w_e"]}), wanted)
+    assert len(model.predict(**one | {"w_e": np.zeros((0, 6))})) == 0
+
+
+def test_given_jacobians_are_taken(model: Model, vectors: Vectors, states: States) -> None:
+    j_x, j_q = vectors.inputs["j_x"], vectors.inputs["j_q"]
+    computed, given = model.predict(**states, always=True), model.predict(**vectors.inputs, always=True)
+    np.testing.assert_allclose(given.p_stable, computed.p_stable, atol=1e-4)
+    other = model.predict(**states, j_x=j_x, j_q=0.5 * j_q, always=True)
+    assert np.abs(other.p_stable - given.p_stable).max() > 0.01
+    with pytest.raises(AminnError, match="both j_x and j_q"):
+        model.predict(**states, j_x=j_x)
+
+
+def test_a_bad_row_does_not_spoil_the_others(model: Model, states: States) -> None:
+    good, bad = model.predict(**states), {name: values.copy() for name, values in states.items()}
+    bad["q"][3, 1] = np.nan
+    bad["contacts"][5, 0, 4:7] = 1.0
+    bad["contacts"][8, :, 0] = 0
+    bad["x_ht"][9, 3:] = 9.0
+    wrong = {3: "NONFINITE", 5: "NORMAL", 8: "NO_CONTACT", 9: "ROTATION"}
+    found = model.predict(**bad)
+    for row, name in wrong.items():
+        assert model.status_name(found.status[row]) == f"AMINN_E_{name}"
+        numbers = (found.p_stable, found.dx_ht, found.k_x, found.gate, found.condition)
+        assert all(np.isnan(values[row]).all() for values in numbers) and not found.holds[row]
+    assert found.notes[8] == Note.NO_CONTACT
+    others = np.setdiff1d(np.arange(len(good)), list(wrong))
+    for field in FIELDS:
+        assert getattr(found, field)[others].tobytes() == getattr(good, field)[others].tobytes()
+    with pytest.raises(AminnError, match=r"^predict: row 3: an input is NaN or infinite \(4 of 200 rows"):
+        model.predict(**bad, strict=True)
+    assert len(model.predict(**rows_of(bad, slice(0, 3)), strict=True)) == 3
+    assert model.status_name(model.predict(**states | {"w_e": np.full(6, 1e300)}).status[0]) == "AMINN_E_NONFINITE"
+
+
+def test_notes_and_displacements_of_what_does_not_hold(model: Model, states: States) -> None:
+    heavy = states | {"w_e": states["w_e"] * 50}
+    lazy, always = model.predict(**heavy), model.predict(**heavy, always=True)
+    assert (~lazy.holds).any()
+    np.testing.assert_array_equal(np.isnan(lazy.dx_ht).all(1), ~lazy.holds)
+    assert np.isfinite(always.dx_ht).all()
+    assert (always.notes & Note.OUT_OF_RANGE).any()
+    low, high = model.ranges["w_e"]
+    outside = ((heavy["w_e"] < low) | (heavy["w_e"] > high)).any(1)
+    assert ((always.notes & Note.OUT_OF_RANGE) > 0)[outside].all()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"q": np.zeros((4, 7))}, r"predict: q has shape \(4, 7\), expected \(N, 8\) or \(8,\)"),
+        ({"contacts": "three"}, "predict: contacts is no array of numbers"),
+        ({"w_e": np.zeros((4, 6))}, "different numbers of rows: q 200, x_ht 200, w_e 4, contacts 200"),
+        ({"threads": -1}, "threads is -1"),
+    ],
+)
+def test_what_cannot_be_arrays_of_states_is_named(model: Model, states: States, change: dict, message: str) -> None:
+    with pytest.raises(AminnError, match=message):
+        model.predict(**states | change)
+
+
+def test_a_model_says_what_it_is(model: Model) -> None:
+    read = read_bin_model(GOLDEN / "aminn_model.bin")
+    assert (model.name, model.hand, model.made_by) == tuple(read.meta[k] for k in ("name", "hand", "made_by"))
+    assert model.tau == read.meta["tau"]
+    low = np.concatenate([low.ravel() for low, _ in model.ranges.values()])
+    np.testing.assert_array_equal(low, read.tensors["range_min"])
+    assert {k: v.shape for k, (v, _) in model.ranges.items()} == {k: model.dims.inputs[k] for k in model.ranges}
+    model.self_test()
+    header = (ROOT / "runtime" / "include" / "aminn_rt.h").read_text()
+    defined = dict(re.findall(r"#define AMINN_NOTE_(\w+) (\d)u", header))
+    assert {note.name: str(note.value) for note in Note} == defined
+
+
+def test_a_model_goes_to_another_process_and_to_several_threads(model: Model, states: States) -> None:
+    wanted = model.predict(**states)
+    same(pickle.loads(pickle.dumps(model)).predict(**states), wanted)
+    found: list[Prediction] = []
+    threads = [threading.Thread(target=lambda: found.append(model.predict(**states, threads=2))) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert len(found) == 8
+    for one in found:
+        same(one, wanted)
+
+
+def test_what_is_no_model_is_refused(tmp_path: Path) -> None:
+    blob = (GOLDEN / "aminn_model.bin").read_bytes()
+    with pytest.raises(AminnError, match="truncated"):
+        Model(blob[:100])
+    with pytest.raises(AminnError, match="damaged"):
+        Model(blob[:-1] + b"\1")
+    with pytest.raises(AminnError, match=r"one C model with its .bin expected"):
+        Model.load(tmp_path)
+    with pytest.raises(AminnError, match=r"none.bin: cannot be read"):
+        Model.load(tmp_path / "none.bin")
+
+
+def test_models_of_several_hands_are_in_one_process(model: Model, states: States, tmp_path: Path) -> None:
+    from hands import HANDS, random_model, random_states
+
+    before, hand = model.predict(**states), HANDS["gripper"]()
+    write_model_files(random_model(hand), tmp_path, "aminn_model")
+    other, x = Model.load(tmp_path), random_states(hand, 50)
+    found = other.predict(**x, always=True)
+    assert not found.status.any() and found.dx_ht.shape == (50, 6) and other.dims.branches == 2
+    outputs = runtime_for(other.dims).run(
+        (tmp_path / "aminn_model.bin").read_bytes(), np.concatenate([v.reshape(50, -1) for v in x.values()], 1)
+    ).outputs
+    assert found.dx_ht.tobytes() == outputs[:, 1:7].tobytes()  # whether compiled quickly or for speed
+    same(model.predict(**states), before)

@@ -1,0 +1,253 @@
+"""A model as the controller has it, and predictions of many states at once."""
+
+from __future__ import annotations
+
+import os
+import weakref
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import IntFlag
+from functools import cached_property
+from math import prod
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from aminn_base.errors import AminnError
+from aminn_base.read import AnyPath, read_bytes
+from aminn_hand.hand import OUTPUTS, STATE, Dims
+
+from .blob import check_blob, dims_in, names_in, tau_in
+from .compiled import ALWAYS_STAGE2, Refused, runtime_for
+
+Floats = NDArray[np.float32]
+OK = 0
+
+
+class Note(IntFlag):
+    """What speaks against a prediction (AMINN_NOTE_... in aminn_rt.h)."""
+
+    OUT_OF_RANGE = 1
+    """A number of the state lies outside of what the model was trained on."""
+    ILL_CONDITIONED = 2
+    """`dx_ht` may have few correct digits."""
+    NO_CONTACT = 4
+    """No branch is in contact."""
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What a batch of states became, a row each."""
+
+    p_stable: Floats
+    """(N) probability that the grasp holds."""
+    holds: NDArray[np.bool_]
+    """(N) whether it reaches the model's tau."""
+    dx_ht: Floats
+    """(N, 6) displacement of the tool in the hand: translation (m), rotation vector (rad), axes of H."""
+    k_x: Floats
+    """(N, 6, 6) stiffness of the grasped tool, SI."""
+    gate: Floats
+    """(N, B) engagement of each branch's tendon, 0 to 1."""
+    condition: Floats
+    """(N) how far apart the stiffnesses of the grasped tool lie."""
+    notes: NDArray[np.uint32]
+    """(N) `Note` bits."""
+    status: NDArray[np.int32]
+    """(N) 0, or what is wrong with the row (`Model.status_text`); its numbers are NaN then, and `holds` is false."""
+
+    def __len__(self) -> int:
+        return len(self.status)
+
+
+class Model:
+    """A model in its binary form, and the runtime compiled for its hand. It does not change: threads may share it.
+
+    The runtime of the reference hand comes with the package. That of another hand is compiled when its first model is
+    loaded, and kept in the user's cache folder.
+    """
+
+    def __init__(self, blob: bytes, source: AnyPath = "the model") -> None:
+        """Take a model from the bytes of an `aminn_model.bin`; `source` is what messages call it.
+
+        Raises AminnError where it is damaged, of another version, or no runtime of its hand can be had.
+        """
+        check_blob(blob, source)
+        self._blob, self._source = bytes(blob), str(source)
+        self._library = runtime_for(dims_in(blob, source), quickly=False)
+        self._batches = {flags: self._open(flags) for flags in (0, ALWAYS_STAGE2)}
+
+    @staticmethod
+    def load(path: AnyPath) -> Model:
+        """The model in a file, or the one in a folder that `aminn export` wrote."""
+        file = model_file(path)
+        return Model(read_bytes(file), file)
+
+    def _open(self, flags: int) -> int:
+        try:
+            batch = self._library.open(self._blob, flags)
+        except Refused as error:
+            raise AminnError(f"{self._source}: the runtime refuses the {error}") from error
+        weakref.finalize(self, self._library.close, batch)
+        return batch
+
+    def __reduce__(self) -> tuple:
+        return Model, (self._blob, self._source)
+
+    def __repr__(self) -> str:
+        return f"<aminn_rt.Model {self.name!r} of hand {self.hand!r}>"
+
+    @property
+    def dims(self) -> Dims:
+        """Counts of the hand, and shapes of what it takes and gives."""
+        return self._library.dims
+
+    @property
+    def name(self) -> str:
+        """What the model calls itself."""
+        return names_in(self._blob)[0]
+
+    @property
+    def hand(self) -> str:
+        """Name of the hand, and 8 digits of its constants' SHA-256."""
+        return names_in(self._blob)[1]
+
+    @property
+    def made_by(self) -> str:
+        """Program and version that exported it."""
+        return names_in(self._blob)[2]
+
+    @property
+    def tau(self) -> float:
+        """The grasp holds if `p_stable` reaches it."""
+        return tau_in(self._blob)
+
+    @cached_property
+    def ranges(self) -> dict[str, tuple[Floats, Floats]]:
+        """Smallest and largest value in training, widened, of each array of a state; those of a row's shape."""
+        low, high = self._library.ranges(self._batches[0])
+        found, at = {}, 0
+        for name in STATE:
+            shape = self.dims.inputs[name]
+            part = slice(at, at + prod(shape))
+            found[name], at = (low[part].reshape(shape), high[part].reshape(shape)), part.stop
+        return found
+
+    def status_name(self, status: int) -> str:
+        """Name of a status, for instance `AMINN_E_NORMAL`."""
+        return self._library.status_name(int(status))
+
+    def status_text(self, status: int) -> str:
+        """Meaning of a status in one sentence part."""
+        return self._library.status_text(int(status))
+
+    def self_test(self) -> None:
+        """Raise AminnError unless this library, on this processor, computes the bits that it must."""
+        if status := self._library.self_test(self._blob):
+            raise AminnError(f"{self._source}: the self-test fails: {self.status_text(status)}")
+
+    def predict(
+        self,
+        q: ArrayLike,
+        x_ht: ArrayLike,
+        w_e: ArrayLike,
+        contacts: ArrayLike,
+        j_x: ArrayLike | None = None,
+        j_q: ArrayLike | None = None,
+        *,
+        threads: int = 0,
+        always: bool = False,
+        strict: bool = False,
+    ) -> Prediction:
+        """Predict N states.
+
+        Each array has a row a state: q (N, J) rad, x_ht (N, 6) m and rad, w_e (N, 6) N and N.m, contacts (N, B, 8); the
+        closure Jacobians j_x (N, B, 3, 6) and j_q (N, B, 3, C) are computed where they are not given. An array without
+        the leading dimension, or with one row, is the same for all states. `aminn_rt.h` draws frames and signs.
+
+        threads: how many cores to use; 0: all. The numbers are the same bits however many.
+        always: the displacement of grasps that are predicted not to hold as well: how far would the tool move if they
+        did? Else it is NaN there, and costs no time.
+        strict: raise AminnError for a row that cannot be predicted from, instead of giving its status.
+
+        Raises AminnError for arrays of another shape.
+        """
+        given = {"q": q, "x_ht": x_ht, "w_e": w_e, "contacts": contacts}
+        if (j_x is None) != (j_q is None):
+            raise AminnError("predict: give both j_x and j_q, or neither")
+        if j_x is not None and j_q is not None:
+            given |= {"j_x": j_x, "j_q": j_q}
+        n, arrays = rows_of(self.dims.inputs, given)
+        places = {k: (v.ctypes.data, v[0].size if len(v) == n and n != 1 else 0) for k, v in arrays.items() if n}
+        batch = self._batches[ALWAYS_STAGE2 if always else 0]
+        outputs, _, status = self._library.predict(batch, places, n, _threads(threads))
+        found = self._prediction(outputs, status)
+        if strict and status.any():
+            raise AminnError(f"predict: {self._complaint(status)}")
+        return found
+
+    def _prediction(self, words: NDArray[np.uint32], status: NDArray[np.int32]) -> Prediction:
+        n, numbers = len(words), words.view(np.float32)
+        parts, at = {}, 0
+        for name in OUTPUTS:
+            shape = self.dims.outputs[name]
+            parts[name] = numbers[:, at : at + prod(shape)].reshape(n, *shape).copy()
+            at += prod(shape)
+        condition, stable, notes = (words[:, at + i].copy() for i in range(3))
+        parts["p_stable"][status != OK] = np.nan
+        return Prediction(
+            **parts, holds=stable.astype(bool), condition=condition.view(np.float32), notes=notes, status=status
+        )
+
+    def _complaint(self, status: NDArray[np.int32]) -> str:
+        bad = np.flatnonzero(status)
+        more = f" ({len(bad)} of {len(status)} rows cannot be predicted from)" if len(bad) > 1 else ""
+        return f"row {bad[0]}: {self.status_text(status[bad[0]])}{more}"
+
+
+def _threads(wanted: int) -> int:
+    if wanted < 0:
+        raise AminnError(f"predict: threads is {wanted}, expected 0 (all cores) or more")
+    return wanted or len(os.sched_getaffinity(0))
+
+
+def rows_of(
+    shapes: Mapping[str, Sequence[int]], given: Mapping[str, ArrayLike]
+) -> tuple[int, dict[str, Floats]]:
+    """How many rows arrays have together, and each as float32 with all of them or one (all alike).
+
+    Raises AminnError that names an array that is no numbers, of another shape or of another number of rows.
+    """
+    arrays: dict[str, Floats] = {}
+    for name, values in given.items():
+        try:
+            with np.errstate(over="ignore"):  # what is too large for it becomes infinite, and is refused
+                array = np.ascontiguousarray(values, np.float32)
+        except (TypeError, ValueError) as error:
+            raise AminnError(f"predict: {name} is no array of numbers ({error})") from error
+        shape = tuple(shapes[name])
+        if array.shape == shape:
+            array = array[None]
+        if array.shape[1:] != shape:
+            wanted = ", ".join(map(str, ("N", *shape)))
+            raise AminnError(f"predict: {name} has shape {np.shape(values)}, expected ({wanted}) or {shape}")
+        arrays[name] = array
+    counts = {name: len(array) for name, array in arrays.items() if len(array) != 1}
+    if len(set(counts.values())) > 1:
+        told = ", ".join(f"{name} {count}" for name, count in counts.items())
+        raise AminnError(f"predict: arrays have different numbers of rows: {told}")
+    return next(iter(counts.values()), 1), arrays
+
+
+def model_file(path: AnyPath) -> Path:
+    """The binary model that `path` is, or that lies in the folder `path` beside the header of its C form."""
+    path = Path(path)
+    if not path.is_dir():
+        return path
+    found = [header.with_suffix(".bin") for header in sorted(path.glob("*.h"))]
+    found = [file for file in found if file.is_file()]
+    if len(found) != 1:
+        names = ", ".join(file.name for file in found) or "none"
+        raise AminnError(f"{path}: one C model with its .bin expected (`aminn export` writes it); found: {names}")
+    return found[0]

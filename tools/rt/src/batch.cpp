@@ -1,0 +1,124 @@
+#include "batch.h"
+
+#include <algorithm>
+#include <cstring>
+#include <memory>
+#include <new>
+#include <exception>
+#include <thread>
+#include <vector>
+
+namespace {
+
+struct alignas(64) Line { // tables begin at multiples of 64 bytes
+    unsigned char bytes[64];
+};
+
+} // namespace
+
+struct aminn_batch {
+    std::vector<Line> blob;
+    aminn_model_t model;
+    aminn_t ctx;
+};
+
+namespace {
+
+constexpr size_t kFewestRows = 64; // a thread takes as long to start as some dozen predictions
+
+// One row's numbers into place.
+template <class T>
+void gather(const aminn_batch_rows_t &rows, size_t i, T &field)
+{
+    std::memcpy(&field, rows.first + i * rows.step, sizeof field);
+}
+
+aminn_status_t predict(aminn_t &ctx, const aminn_batch_inputs_t &inputs, size_t i, aminn_output_t &out)
+{
+    aminn_input_t in;
+    gather(inputs.q, i, in.q);
+    gather(inputs.x_ht, i, in.x_ht);
+    gather(inputs.w_e, i, in.w_e);
+    gather(inputs.contacts, i, in.contacts);
+    if (inputs.j_x.first == nullptr || inputs.j_q.first == nullptr) {
+        aminn_state_t state;
+        std::memcpy(&state, &in, sizeof state); // it begins as an input does
+        return aminn_predict_state(&ctx, &state, &out);
+    }
+    gather(inputs.j_x, i, in.j_x);
+    gather(inputs.j_q, i, in.j_q);
+    return aminn_predict(&ctx, &in, &out);
+}
+
+aminn_status_t open(aminn_batch &batch, const void *blob, size_t size, uint32_t flags)
+{
+    batch.blob.resize((size + sizeof(Line) - 1) / sizeof(Line));
+    std::memcpy(batch.blob.data(), blob, size);
+    const aminn_status_t status = aminn_model_from_blob(batch.blob.data(), size, &batch.model);
+    return status == AMINN_OK ? aminn_init(&batch.ctx, &batch.model, flags) : status;
+}
+
+} // namespace
+
+const uint32_t aminn_batch_counts[5] = {AMINN_N_BRANCH, AMINN_N_COORD, AMINN_N_JOINT, AMINN_N_GATED, AMINN_N_TWIST};
+
+aminn_batch_t *aminn_batch_open(const void *blob, size_t size, uint32_t flags, aminn_status_t *status)
+{
+    *status = AMINN_E_SIZE;
+    try {
+        auto batch = std::make_unique<aminn_batch>();
+        *status = open(*batch, blob, size, flags);
+        return *status == AMINN_OK ? batch.release() : nullptr;
+    } catch (const std::bad_alloc &) {
+        return nullptr;
+    }
+}
+
+void aminn_batch_close(aminn_batch_t *batch)
+{
+    delete batch;
+}
+
+void aminn_batch_ranges(const aminn_batch_t *batch, float *smallest, float *largest)
+{
+    std::copy_n(batch->model.range_min, AMINN_N_STATE, smallest);
+    std::copy_n(batch->model.range_max, AMINN_N_STATE, largest);
+}
+
+void aminn_batch_predict(const aminn_batch_t *batch, const aminn_batch_inputs_t *inputs, size_t n, unsigned threads,
+                         aminn_output_t *outputs, aminn_stage_debug_t *stages, aminn_status_t *statuses)
+{
+    const size_t parts = std::max<size_t>(1, std::min<size_t>(threads, n / kFewestRows));
+    const auto work = [=](size_t part) noexcept {
+        aminn_t ctx = batch->ctx;
+        for (size_t i = n * part / parts; i < n * (part + 1) / parts; ++i) {
+            statuses[i] = predict(ctx, *inputs, i, outputs[i]);
+            const aminn_stage_debug_t *first = stages == nullptr ? nullptr : aminn_debug(&ctx, 0);
+            if (first != nullptr) { // the second lies behind it
+                std::memcpy(stages + i * AMINN_N_STAGE, first, AMINN_N_STAGE * sizeof *stages);
+            }
+        }
+    };
+    std::vector<std::thread> others;
+    size_t part = 1;
+    try {
+        others.reserve(parts - 1);
+        for (; part < parts; ++part) {
+            others.emplace_back(work, part);
+        }
+    } catch (const std::exception &) { // no more threads or memory: the rest is done here
+    }
+    work(0);
+    for (; part < parts; ++part) {
+        work(part);
+    }
+    for (std::thread &other : others) {
+        other.join();
+    }
+}
+
+aminn_status_t aminn_batch_self_test(const aminn_batch_t *batch)
+{
+    aminn_t ctx = batch->ctx;
+    return aminn_self_test(&ctx);
+}
