@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 from lab import as_measured, simulate_pushes, write_tables
+from record import messages, record
+from test_bags import map_text
 
 from aminn.data.dataset import Dataset, load_dataset
 from aminn.data.measured import mean_forces
@@ -20,8 +22,8 @@ from aminn_app.cli import main
 from aminn_base.errors import AminnError
 from aminn_hand.theta import Theta
 from aminn_sim.open_hand import default_hand_file
-from aminn_table import write_table
-from aminn_table.columns import Arrays
+from aminn_table import read_table, write_table
+from aminn_table.columns import LABELLED, Arrays
 from aminn_table.fallbacks import NO_FORCES, NO_NORMALS, NO_POINTS, NO_SHAPE, PINCH_N, TRAINED_FORCES
 
 
@@ -80,6 +82,29 @@ def test_every_format_gives_the_same_bytes(tables: dict[str, Path], own: Path, t
     for end, table in tables.items():
         aminn("import", table, "--like", own, "--out", tmp_path / end)
         assert bytes_of(tmp_path / end) == bytes_of(own)
+
+
+def test_a_bag_and_tables_of_its_pushes_give_the_same_bytes(truth: Dataset, simulated: Path, tmp_path: Path) -> None:
+    """A bag has quaternions and poses under load, so that its numbers are the simulated ones but for rounding."""
+    (tmp_path / "map.toml").write_text(map_text(truth.hand))
+    outs = []
+    for storage in ("MCAP", "SQLITE3"):
+        bag, out = (
+            record(tmp_path / storage, storage, messages(truth.hand, as_measured(truth))),
+            tmp_path / f"{storage}_data",
+        )
+        table = tmp_path / f"{storage}.csv"
+        options = ["--like", simulated, "--map", tmp_path / "map.toml", "--table", table]
+        aminn("import", bag, *options, "--out", out)
+        aminn("import", table, "--like", simulated, "--out", tmp_path / f"{storage}_csv")
+        outs += [out, tmp_path / f"{storage}_csv"]
+    write_table(tmp_path / "t.parquet", truth.hand, read_table(table, truth.hand, LABELLED))
+    aminn("import", tmp_path / "t.parquet", "--like", simulated, "--out", tmp_path / "parquet")
+    assert all(bytes_of(out) == bytes_of(tmp_path / "parquet") for out in outs)
+    data = load_dataset(outs[0])
+    for name, values in as_measured(truth).items():
+        held = data.samples["stable"] > 0 if name == "dx_ht" else slice(None)
+        np.testing.assert_allclose(data.samples[name][held], values[held], atol=1e-12, rtol=1e-15, err_msg=name)
 
 
 def test_importing_again_changes_nothing_and_other_data_are_refused(

@@ -131,19 +131,29 @@ def simulate(
 
 
 @main.command("import")
-@click.argument("tables", type=READABLE, nargs=-1, required=True)
+@click.argument("tables", type=FILE_OR_FOLDER, nargs=-1, required=True)
 @click.option("--hand", type=READABLE, default=None, help="Hand file (TOML) of the hand that was pushed in.")
 @click.option("--like", type=EXISTING, default=None, help="Instead: a run, or a data set, of the same hand.")
 @click.option("--out", type=FOLDER, required=True, help="Folder of the data set.")
-def import_(tables: tuple[Path, ...], hand: Path | None, like: Path | None, out: Path) -> None:
-    """Check measured pushes (CSV, Parquet, HDF5) and write them as a data set that every command takes.
+@click.option("--map", "map_file", type=READABLE, default=None, help="TOML file: names, topics, frames, units, signs.")
+@click.option("--table", type=NEW_FILE, default=None, help="Write what was read here too (.csv, .parquet, .h5).")
+def import_(
+    tables: tuple[Path, ...],
+    hand: Path | None,
+    like: Path | None,
+    out: Path,
+    map_file: Path | None,
+    table: Path | None,
+) -> None:
+    """Check measured pushes (CSV, Parquet, HDF5, ROS 2 bags) and write them as a data set that every command takes.
 
-    One row a push; docs/own-data.md has the columns. Every fault is named with its column and row, and nothing is
-    written then. What stands in for sensors that the table lacks is said and kept in the manifest.
+    One row a push; docs/own-data.md has the columns, and how a map finds them in a bag. Every fault is named with its
+    column and row, or its topic and message, and nothing is written then. What stands in for sensors that the table
+    lacks is said and kept in the manifest.
     """
     from .importing import run_import
 
-    manifest = run_import(tables, hand, like, out, click.echo)
+    manifest = run_import(tables, hand, like, out, click.echo, map_file, table)
     click.echo(f"{manifest['n_samples']} pushes of {manifest['n_grasps']} grasps in {out}")
 
 

@@ -11,8 +11,9 @@ from aminn.data.dataset import load_dataset
 from aminn.data.measured import mean_forces, write_measured
 from aminn.model.checkpoint import META, load_checkpoint
 from aminn_base.errors import AminnError
+from aminn_base.files import refuse_inputs
 from aminn_hand import Hand
-from aminn_table import TableError, complete, read_table
+from aminn_table import Map, TableError, complete, read_map, read_table, write_table
 from aminn_table.columns import FORCE, LABELLED, MEASURED, ON, Arrays
 
 SHOWN_FAULTS = 30
@@ -39,26 +40,35 @@ def hand_of(file: Path | None, like: Path | None) -> Like:
 
 
 def run_import(
-    tables: Sequence[Path], hand: Path | None, like: Path | None, out: Path, echo: Callable[[str], object]
+    tables: Sequence[Path],
+    hand: Path | None,
+    like: Path | None,
+    out: Path,
+    echo: Callable[[str], object],
+    map_file: Path | None = None,
+    table: Path | None = None,
 ) -> dict:
-    """Check tables of pushes and write them as one data set to folder `out`; returns its manifest.
+    """Check tables and bags of pushes and write them as one data set to folder `out`; returns its manifest.
 
     `echo` gets every fault of a table before the error is raised, and a line for each sensor that something stands in
-    for. Nothing is written where a table has a fault.
+    for. Nothing is written where a table has a fault. What was read is written to `table` as well, as one table.
     """
+    refuse_inputs(table, tables)
     of, forces = hand_of(hand, like)
-    parts = [_read(table, of, echo) for table in tables]
-    arrays, notes = complete(of, _together(tables, parts), forces)
-    arrays = {name: values for name, values in arrays.items() if name in MEASURED}
+    by = read_map(map_file) if map_file else Map()
+    measured = _together(tables, [_read(file, of, by, echo) for file in tables])
+    arrays, notes = complete(of, measured, forces)
     manifest = write_measured(out, of, arrays, notes)
+    if table:
+        write_table(table, of, measured)
     for note in notes:
         echo(note)
     return manifest
 
 
-def _read(table: Path, hand: Hand, echo: Callable[[str], object]) -> Arrays:
+def _read(table: Path, hand: Hand, by: Map, echo: Callable[[str], object]) -> Arrays:
     try:
-        return read_table(table, hand, LABELLED)
+        return read_table(table, hand, LABELLED, by)
     except TableError as error:
         for fault in error.faults[1 : SHOWN_FAULTS + 1]:
             echo(f"{table}: {fault}")

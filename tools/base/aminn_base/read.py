@@ -5,7 +5,8 @@ from __future__ import annotations
 import json
 import os
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +70,28 @@ def read_toml(path: AnyPath, content: bytes | None = None) -> dict[str, Any]:
         return tomllib.loads(read_text(path, content))
     except (ValueError, RecursionError) as error:
         raise AminnError(f"{path}: not valid TOML ({error})") from error
+
+
+_MISSED = {
+    "model_type": "a table",
+    "model_attributes_type": "a table",
+    "dict_type": "a table",
+    "tuple_type": "a list",
+    "string_type": "a text",
+    "float_type": "a number",
+    "float_parsing": "a number",
+}
+"""What TOML calls what pydantic misses."""
+
+
+def complaint(error: Mapping[str, Any], names: Iterable[str], what: str) -> str:
+    """One of pydantic's errors: which field, what is wrong with it, the nearest of `names` where `what` has no such."""
+    where = ".".join(str(part) for part in error["loc"])
+    if error["type"] == "extra_forbidden":
+        near = get_close_matches(str(error["loc"][-1]), list(names), 1)
+        return f"{where} is not a field of {what}" + (f"; did you mean {near[0]}?" if near else "")
+    kind = _MISSED.get(error["type"])
+    return f"{where}: expected {kind}" if kind else f"{where}: {error['msg'][0].lower()}{error['msg'][1:]}"
 
 
 def require(source: AnyPath, table: Mapping[str, Any], keys: Mapping[str, type | tuple[type, ...]], do: str) -> None:

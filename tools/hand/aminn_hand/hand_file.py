@@ -6,14 +6,13 @@ Only `name` and `model` must be there; everything else is derived from the model
 from __future__ import annotations
 
 import importlib.util
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationError
 
 from aminn_base.errors import AminnError
-from aminn_base.read import read_toml
+from aminn_base.read import complaint, read_toml
 
 Vector3 = Annotated[tuple[float, float, float], Field()]
 Posture = dict[str, float]
@@ -131,29 +130,6 @@ class HandFile(_Table):
     mirror: MirrorTable | None = None
 
 
-_KINDS = {
-    "model_type": "a table",
-    "model_attributes_type": "a table",
-    "dict_type": "a table",
-    "tuple_type": "a list",
-    "string_type": "a text",
-    "float_type": "a number",
-    "float_parsing": "a number",
-}
-"""What TOML calls what pydantic misses."""
-
-
-def _message(error: ValidationError) -> str:
-    """The first complaint: which field, what is wrong with it, and the nearest name where the field is unknown."""
-    first = error.errors()[0]
-    where = ".".join(str(part) for part in first["loc"])
-    if first["type"] == "extra_forbidden":
-        near = get_close_matches(str(first["loc"][-1]), HandFile.model_fields, 1)
-        return f"{where} is not a field of a hand file" + (f"; did you mean {near[0]}?" if near else "")
-    kind = _KINDS.get(first["type"])
-    return f"{where}: expected {kind}" if kind else f"{where}: {first['msg'][0].lower()}{first['msg'][1:]}"
-
-
 def read_hand_file(path: Path | str, content: bytes | None = None) -> HandFile:
     """Read and check a hand file, or what its `content` was. Raises AminnError with file and field."""
     path = Path(path)
@@ -164,7 +140,7 @@ def read_hand_file(path: Path | str, content: bytes | None = None) -> HandFile:
     try:
         return HandFile.model_validate(table)
     except ValidationError as error:
-        raise AminnError(f"{path}: {_message(error)}") from error
+        raise AminnError(f"{path}: {complaint(error.errors()[0], HandFile.model_fields, 'a hand file')}") from error
 
 
 def model_path(file: HandFile, path: Path | str) -> Path:

@@ -3,7 +3,21 @@
 from .checks import Fault, TableError, check
 from .columns import Column, columns_of
 from .fallbacks import complete
-from .read import FORMATS, read_table
+from .files import FORMATS
+from .mapping import Map, read_map
+from .read import read_table
 from .write import write_table
 
-__all__ = ["FORMATS", "Column", "Fault", "TableError", "check", "columns_of", "complete", "read_table", "write_table"]
+__all__ = [
+    "FORMATS",
+    "Column",
+    "Fault",
+    "Map",
+    "TableError",
+    "check",
+    "columns_of",
+    "complete",
+    "read_map",
+    "read_table",
+    "write_table",
+]

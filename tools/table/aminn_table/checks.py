@@ -57,7 +57,7 @@ class Fault:
     count: int = 1
 
     def __str__(self) -> str:
-        place = f"{self.label} {self.row}: {self.column}" if self.row is not None else self.column
+        place = f"{self.label} {self.row}: {self.column}".strip() if self.row is not None else self.column
         more = f" (and {self.count - 1} more {self.label}s)" if self.count > 1 else ""
         return f"{place} {self.text}{more}"
 

@@ -47,7 +47,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Group:
-    """Columns that are told together or not at all, but for those of a required group."""
+    """Columns that are told together or not at all; of contacts, those of one branch."""
 
     pattern: str
     """Their names, as documentation writes them."""

@@ -18,7 +18,7 @@ from aminn_base.read import AnyPath
 from aminn_hand import Hand
 
 from .columns import DTYPES, PALM, Arrays, column_of, columns_of, numbers, shapes_of
-from .read import FORMATS, FRAME
+from .files import FORMATS, FRAME
 
 
 def write_table(path: AnyPath, hand: Hand, arrays: Arrays) -> None:

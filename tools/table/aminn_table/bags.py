@@ -1,0 +1,587 @@
+"""ROS 2 bags (MCAP and sqlite3) as columns of a table: topics by a map, put together by their stamps.
+
+Every message of the mapped topics is looked at; each fault is named by topic and number of the message.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import ReaderError
+from rosbags.typesys import Stores, get_typestore
+
+from aminn_base.errors import AminnError
+from aminn_base.read import AnyPath
+from aminn_hand import Hand
+
+from .checks import Fault, Rows, TableError
+from .columns import FORCE, NORMAL, ON, POINT, column_of, numbers, shapes_of
+from .files import Raw
+from .mapping import (
+    UNIT_QUATERNION,
+    UNITS,
+    ContactTable,
+    Frames,
+    JointsTable,
+    LoadTable,
+    Map,
+    Pose,
+    ToolTable,
+    matrix,
+    product,
+    rotation_vector,
+)
+
+Array = NDArray[np.float64]
+BAGS = (".mcap", ".db3")
+JOINT_STATE, POSE, WRENCH = (
+    "sensor_msgs/msg/JointState",
+    "geometry_msgs/msg/PoseStamped",
+    "geometry_msgs/msg/WrenchStamped",
+)
+
+
+class _Bad(Exception):
+    """A message that cannot be right; the text goes into a fault."""
+
+
+@dataclass
+class _Stream:
+    """What is taken of one topic: a row of numbers from each message, at its stamp."""
+
+    name: str
+    topic: str
+    parse: Callable[[Any], Sequence[float]]
+    kind: str | None = None
+    """Type that its messages must have."""
+    frame: str | None = None
+    """frame_id that their headers must have."""
+    numbers: list[int] = field(default_factory=list)
+    stamps: list[int] = field(default_factory=list)
+    rows: list[Sequence[float]] = field(default_factory=list)
+
+    def times(self) -> NDArray[np.int64]:
+        return np.array(self.stamps, np.int64)
+
+
+def is_bag(path: AnyPath) -> bool:
+    """Whether a path is a ROS 2 bag: a folder with metadata.yaml, or a file of one."""
+    path = Path(path)
+    return (path / "metadata.yaml").is_file() or path.suffix in BAGS
+
+
+def read_bag(path: AnyPath, hand: Hand, by: Map) -> Raw:
+    """Columns of the pushes in a bag. Raises TableError with every fault by topic and message number, AminnError where
+    the bag or the map does not have what is needed."""
+    path = Path(path)
+    streams = _streams(path, hand, by)
+    _read(path, streams, by)
+    pushes = _pushes(path, streams, by)
+    return _columns(path, hand, by, {s.name: s for s in streams}, pushes)
+
+
+def _streams(path: Path, hand: Hand, by: Map) -> list[_Stream]:
+    """What the map asks for. Raises AminnError where it lacks something."""
+    for name, table in (("joints", by.joints), ("tool", by.tool), ("load", by.load)):
+        if table is None:
+            raise AminnError(f"{path}: a bag needs a map with [{name}] and its topic; give --map")
+    assert by.joints and by.tool and by.load
+    frames = Frames(hand, by.frames)
+    frames.static(by.tool.frame, "[tool]")
+    frames.check(by.load.frame, "[load]")
+    branches = {b.name for b in hand.branches}
+    if unknown := sorted(set(by.contacts) - branches):
+        raise AminnError(
+            f"{path}: the map has contacts.{unknown[0]}; hand {hand.name} has {', '.join(sorted(branches))}"
+        )
+    if unknown := sorted((set(by.joints.names) | set(by.joints.sign)) - set(hand.joints)):
+        raise AminnError(f"{path}: the map has joint {unknown[0]}; hand {hand.name} has {', '.join(hand.joints)}")
+    found = [
+        _Stream("joints", by.joints.topic, _joints_of(hand, by.joints), JOINT_STATE),
+        _Stream("tool", by.tool.topic, _pose_of(by.tool), POSE, by.tool.frame),
+        _Stream("load", by.load.topic, _wrench_of(by.load), WRENCH, by.load.frame),
+    ]
+    for branch, contact in by.contacts.items():
+        frames.check(contact.frame, f"[contacts.{branch}]")
+        found.append(_Stream(f"contact {branch}", contact.topic, _contact_of(contact), None, contact.frame))
+    if by.pushes.topic is not None:
+        found.append(_Stream("pushes", by.pushes.topic, _mark_of(by)))
+    if by.grasp is not None:
+        found.append(_Stream("grasp", by.grasp.topic, lambda m, f=by.grasp.field: [_whole(_follow(m, f), f)]))  # type: ignore[misc]
+    elif by.pushes.topic is None or by.pushes.grasp is None:
+        raise AminnError(f"{path}: the map says nowhere which grasp a push is of: tell [grasp] or pushes.grasp")
+    return found
+
+
+# --- messages ---------------------------------------------------------------------------------------------------------
+
+
+def _follow(message: Any, path: str) -> Any:
+    """What a path of fields leads to; None where it leads into an empty list. Raises _Bad where there is no such."""
+    value = message
+    for part in path.split("."):
+        if part.isdecimal():
+            if len(value) <= int(part):
+                return None
+            value = value[int(part)]
+        elif hasattr(value, part):
+            value = getattr(value, part)
+        else:
+            names = [name for name in getattr(value, "__dataclass_fields__", {}) if not name.startswith("__")]
+            raise _Bad(f"has no field {part!r} on the way of {path!r}; there are {', '.join(names) or 'none'}")
+    return value
+
+
+def _finite(values: Sequence[float], what: str) -> list[float]:
+    numbers = [float(v) for v in values]
+    if not all(map(math.isfinite, numbers)):
+        raise _Bad(f"{what} is NaN or infinite")
+    return numbers
+
+
+def _xyz(value: Any, what: str) -> list[float]:
+    if not all(hasattr(value, axis) for axis in "xyz"):
+        raise _Bad(f"{what} has no x, y, z")
+    return _finite([value.x, value.y, value.z], what)
+
+
+def _whole(value: Any, what: str) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise _Bad(f"{what} is {value!r}, expected a whole number") from None
+    if number != round(number):
+        raise _Bad(f"{what} is {value!r}, expected a whole number")
+    return number
+
+
+def _joints_of(hand: Hand, table: JointsTable) -> Callable[[Any], list[float]]:
+    names = [table.names.get(joint, joint) for joint in hand.joints]
+    factors = [UNITS[table.unit][1] * table.sign.get(joint, 1) for joint in hand.joints]
+
+    def parse(message: Any) -> list[float]:
+        place = {name: i for i, name in enumerate(message.name)}
+        if absent := [name for name in names if name not in place]:
+            near = get_close_matches(absent[0], list(place), 1, 0.5)
+            raise _Bad(f"has no joint {absent[0]!r}" + (f"; did you mean {near[0]!r}?" if near else ""))
+        if len(message.position) != len(message.name):
+            raise _Bad(f"has {len(message.position)} positions of {len(message.name)} joints")
+        values = [float(message.position[place[name]]) for name in names]
+        for name, value in zip(names, values, strict=True):
+            _finite([value], f"position of {name}")
+        return [v * f for v, f in zip(values, factors, strict=True)]
+
+    return parse
+
+
+def _pose_of(table: ToolTable) -> Callable[[Any], list[float]]:
+    scale = UNITS[table.unit][1]
+
+    def parse(message: Any) -> list[float]:
+        position, turn = message.pose.position, message.pose.orientation
+        q = _finite([turn.x, turn.y, turn.z, turn.w], "orientation")
+        if abs(math.hypot(*q) - 1) > UNIT_QUATERNION:
+            raise _Bad(f"orientation has length {math.hypot(*q):.4g}, expected that of a unit quaternion")
+        return [scale * v for v in _xyz(position, "position")] + q
+
+    return parse
+
+
+def _wrench_of(table: LoadTable) -> Callable[[Any], list[float]]:
+    force, moment = table.sign * UNITS[table.force_unit][1], table.sign * UNITS[table.moment_unit][1]
+
+    def parse(message: Any) -> list[float]:
+        w = message.wrench
+        return [force * v for v in _xyz(w.force, "force")] + [moment * v for v in _xyz(w.torque, "torque")]
+
+    return parse
+
+
+def _contact_of(table: ContactTable) -> Callable[[Any], list[float]]:
+    scale, force_scale = UNITS[table.unit][1], UNITS[table.force_unit][1]
+    decides = table.on or table.point or table.force
+    if decides is None:
+        raise AminnError("[contacts] needs on, point or force, to tell whether a finger touches")
+
+    def parse(message: Any) -> list[float]:
+        out = [math.nan] * 8
+        flag = _follow(message, decides)
+        out[ON] = float(_touches(flag, table.above))
+        if not out[ON]:
+            return [0.0] + [0.0 if path else math.nan for path, n in _parts(table) for _ in range(n)]
+        if table.point:
+            out[POINT] = [scale * v for v in _xyz(_follow(message, table.point), table.point)]
+        if table.normal:
+            out[NORMAL] = [table.normal_sign * v for v in _xyz(_follow(message, table.normal), table.normal)]
+        if table.force:
+            value = _follow(message, table.force)
+            if hasattr(value, "x"):
+                f = _xyz(value, table.force)
+                along = sum(a * b for a, b in zip(f, out[NORMAL], strict=True)) if table.normal else math.hypot(*f)
+                out[FORCE] = force_scale * abs(along)
+            else:
+                out[FORCE] = force_scale * _finite([value], table.force)[0]
+        return out
+
+    return parse
+
+
+def _parts(table: ContactTable) -> tuple[tuple[str | None, int], ...]:
+    return (table.point, 3), (table.normal, 3), (table.force, 1)
+
+
+def _touches(flag: Any, above: float) -> bool:
+    if flag is None:
+        return False
+    if hasattr(flag, "x"):
+        return True
+    if hasattr(flag, "__len__"):
+        return len(flag) > 0
+    return bool(_finite([flag], "the flag of contact")[0] > above)
+
+
+BEFORE, UNDER, LOST = range(3)
+
+
+def _mark_of(by: Map) -> Callable[[Any], list[float]]:
+    p = by.pushes
+    phases = {p.before: BEFORE, p.under: UNDER, p.lost: LOST}
+
+    def parse(message: Any) -> list[float]:
+        value = str(_follow(message, p.phase))
+        if value not in phases:
+            raise _Bad(f"{p.phase} is {value!r}, expected {', '.join(map(repr, phases))}")
+        grasp = _whole(_follow(message, p.grasp), p.grasp) if p.grasp else math.nan
+        return [phases[value], grasp]
+
+    return parse
+
+
+# --- reading ----------------------------------------------------------------------------------------------------------
+
+
+class _Faults:
+    """Faults by topic and text of their kind, each with its first message and their number."""
+
+    def __init__(self) -> None:
+        self.found: dict[tuple[str, str], tuple[int, str, int]] = {}
+
+    def add(self, topic: str, number: int, kind: str, text: str) -> None:
+        first, said, count = self.found.get((topic, kind), (number, text, 0))
+        self.found[topic, kind] = first, said, count + 1
+
+    def all(self) -> list[Fault]:
+        return [
+            Fault("", text, number, f"{topic} message", count)
+            for (topic, _), (number, text, count) in self.found.items()
+        ]
+
+
+def _read(path: Path, streams: list[_Stream], by: Map) -> None:
+    """Fill the streams. Raises TableError with all faults of their messages."""
+    faults = _Faults()
+    try:
+        with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
+            topics = {c.topic: c for c in reader.connections}
+            _check_topics(path, streams, topics)
+            wanted = {s.topic for s in streams}
+            counts: dict[str, int] = dict.fromkeys(wanted, 0)
+            last: dict[str, tuple[int, int]] = {}
+            for connection, recorded, raw in reader.messages([c for c in reader.connections if c.topic in wanted]):
+                topic, number = connection.topic, counts[connection.topic]
+                counts[topic] += 1
+                message = reader.deserialize(raw, connection.msgtype)
+                stamp = _stamp(message, recorded, by)
+                if stamp is None:
+                    text = 'header has no stamp; tell clock.stamp = "recording" to go by the times of arrival'
+                    faults.add(topic, number, "stamp", text)
+                    continue
+                _check_clock(faults, topic, number, stamp, recorded, last.get(topic), by)
+                last[topic] = (stamp, recorded)
+                for stream in (s for s in streams if s.topic == topic):
+                    try:
+                        _check_frame(stream, message)
+                        row = stream.parse(message)
+                    except _Bad as bad:
+                        faults.add(topic, number, str(bad).split(" is ")[0].split(" has ")[0], str(bad))
+                        continue
+                    stream.numbers.append(number)
+                    stream.stamps.append(stamp)
+                    stream.rows.append(row)
+    except (AnyReaderError, ReaderError, OSError, KeyError, ValueError, AssertionError, RuntimeError) as error:
+        text = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+        raise AminnError(f"{path}: not a readable ROS 2 bag ({text}); record it again, or convert it") from error
+    if found := faults.all():
+        raise TableError(str(path), found)
+
+
+def _check_topics(path: Path, streams: list[_Stream], topics: dict[str, Connection]) -> None:
+    for stream in streams:
+        found = topics.get(stream.topic)
+        if found is None:
+            near = get_close_matches(stream.topic, list(topics), 1, 0.6)
+            hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(sorted(topics)) or 'none'}"
+            raise AminnError(f"{path}: topic {stream.topic} ({stream.name}) is not in the bag; {hint}")
+        if stream.kind is not None and found.msgtype != stream.kind:
+            raise AminnError(
+                f"{path}: topic {stream.topic} ({stream.name}) has {found.msgtype}, expected {stream.kind}"
+            )
+        if not found.msgcount:
+            raise AminnError(f"{path}: topic {stream.topic} ({stream.name}) has no messages")
+
+
+def _stamp(message: Any, recorded: int, by: Map) -> int | None:
+    """Time of a message, ns; None where its header tells none."""
+    if by.clock.stamp == "recording" or not hasattr(message, "header"):
+        return recorded
+    stamp = message.header.stamp
+    return int(stamp.sec) * 10**9 + int(stamp.nanosec) or None
+
+
+def _check_clock(
+    faults: _Faults, topic: str, number: int, stamp: int, recorded: int, last: tuple[int, int] | None, by: Map
+) -> None:
+    if last is None:
+        return
+    if stamp < last[0]:
+        text = f"stamp is {1e-9 * (last[0] - stamp):.6g} s before that of the message above: the clock was set back"
+        faults.add(topic, number, "back", text)
+    elif abs(stamp - last[0] - recorded + last[1]) > 1e9 * by.clock.jump_s:
+        jump = 1e-9 * (stamp - last[0] - recorded + last[1])
+        faults.add(
+            topic, number, "jump", f"stamp jumps by {jump:.6g} s against the times of arrival: the clock was set"
+        )
+
+
+def _check_frame(stream: _Stream, message: Any) -> None:
+    if stream.frame is not None and hasattr(message, "header"):
+        found = str(message.header.frame_id)
+        if found != stream.frame:
+            raise _Bad(f"frame_id is {found!r}, the map expects {stream.frame!r}")
+
+
+# --- pushes -----------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Pushes:
+    """Times of the pushes, ns, with where they come from."""
+
+    topic: str
+    numbers: NDArray[np.int64]  # (n) of the message that begins each
+    before: NDArray[np.int64]  # (n)
+    under: NDArray[np.int64]  # (n)
+    held: NDArray[np.bool_]  # (n)
+    grasp: Array  # (n), NaN where [grasp] tells it
+
+
+def _pushes(path: Path, streams: list[_Stream], by: Map) -> _Pushes:
+    marks = next((s for s in streams if s.name == "pushes"), None)
+    found = _marked(path, marks) if marks else _loaded(next(s for s in streams if s.name == "load"), by)
+    if not len(found.numbers):
+        raise AminnError(f"{path}: topic {found.topic} marks no push; look at [pushes] of the map")
+    return found
+
+
+def _marked(path: Path, marks: _Stream) -> _Pushes:
+    """Pairs of marks: before, then under or lost. Raises TableError for others."""
+    faults, pairs = _Faults(), list[tuple[int, int, float, int, bool]]()
+    begun: tuple[int, int, float] | None = None
+    for number, stamp, (phase, grasp) in zip(marks.numbers, marks.stamps, marks.rows, strict=True):
+        if phase == BEFORE:
+            if begun is not None:
+                faults.add(
+                    marks.topic, number, "before", f"begins a push, but that of message {begun[0]} has not ended"
+                )
+            begun = (number, stamp, grasp)
+        elif begun is None:
+            faults.add(marks.topic, number, "end", "ends a push that has not begun")
+        else:
+            pairs.append((*begun, stamp, phase == UNDER))
+            begun = None
+    if begun is not None:
+        faults.add(marks.topic, begun[0], "open", "begins a push that does not end")
+    if found := faults.all():
+        raise TableError(str(path), found)
+    return _Pushes(
+        marks.topic,
+        np.array([p[0] for p in pairs], np.int64),
+        np.array([p[1] for p in pairs], np.int64),
+        np.array([p[3] for p in pairs], np.int64),
+        np.array([p[4] for p in pairs], bool),
+        np.array([p[2] for p in pairs], float),
+    )
+
+
+def _loaded(load: _Stream, by: Map) -> _Pushes:
+    """Stretches of the load's force above a bound, until it is below another one."""
+    force = np.linalg.norm(np.array(load.rows)[:, :3], axis=1)
+    stamps, settle = load.times(), round(1e9 * by.pushes.settle_s)
+    spans, start = [], None
+    low = -1
+    for i, f in enumerate(force):
+        if start is None:
+            if f > by.pushes.above_N and low >= 0:
+                start = i
+            elif f < by.pushes.below_N:
+                low = i
+        elif f < by.pushes.below_N:
+            spans.append((low, start, i - 1))
+            start, low = None, i
+    lows, starts, ends = (np.array([span[k] for span in spans], np.int64) for k in range(3))
+    return _Pushes(
+        load.topic,
+        np.array(load.numbers, np.int64)[starts],
+        stamps[lows] - settle,
+        stamps[ends] - settle,
+        np.ones(len(spans), bool),
+        np.full(len(spans), math.nan),
+    )
+
+
+# --- states -----------------------------------------------------------------------------------------------------------
+
+
+def _spans(stream: _Stream, times: NDArray[np.int64], by: Map) -> tuple[list[slice], list[int]]:
+    """Messages of a stream that stand for each time, and where there are none (index of the time)."""
+    stamps = stream.times()
+    order = np.argsort(stamps, kind="stable")
+    assert (order == np.arange(len(order))).all()  # held up by the clock's check
+    window, tolerance = round(1e9 * by.clock.window_s), round(1e9 * by.clock.tolerance_s)
+    found, absent = [], []
+    for k, t in enumerate(times.tolist()):
+        first, last = np.searchsorted(stamps, t - window, "left"), np.searchsorted(stamps, t, "right")
+        if not window or first >= last:
+            near = min((i for i in (last - 1, last) if 0 <= i < len(stamps)), key=lambda i: abs(int(stamps[i]) - t))
+            first, last = near, near + 1
+            if abs(int(stamps[near]) - t) > tolerance:
+                absent.append(k)
+        found.append(slice(int(first), int(last)))
+    return found, absent
+
+
+def _columns(path: Path, hand: Hand, by: Map, streams: dict[str, _Stream], pushes: _Pushes) -> Raw:
+    """The state of every push as columns. Raises TableError where a stream has no message at its time."""
+    faults = _Faults()
+
+    def rows(name: str, times: NDArray[np.int64], mean: Callable[[Array], Array]) -> Array:
+        stream = streams[name]
+        spans, absent = _spans(stream, times, by)
+        for k in absent:
+            gap = 1e-9 * np.abs(stream.times() - times[k]).min()
+            faults.add(
+                pushes.topic,
+                int(pushes.numbers[k]),
+                name,
+                f"has no message of {stream.topic} within {by.clock.tolerance_s:g} s; the nearest is {gap:.3g} s away",
+            )
+        values = np.array(stream.rows, float)
+        return np.stack([mean(values[span]) for span in spans])
+
+    q = rows("joints", pushes.before, _mean)
+    before, under = (rows("tool", t, _mean_pose) for t in (pushes.before, pushes.under))
+    rest, load = (rows("load", t, _mean) for t in (pushes.before, pushes.under))
+    raw_contacts = {name: rows(f"contact {name}", pushes.before, _mean_contact) for name in by.contacts}
+    grasp = pushes.grasp
+    if by.grasp is not None:
+        grasp = _held_values(streams["grasp"], pushes, faults)
+    if found := faults.all():
+        raise TableError(str(path), found)
+    assert by.tool and by.load
+    frames = Frames(hand, by.frames)
+    camera = frames.static(by.tool.frame, "[tool]")
+    states = [_placed(*camera, pose) for pose in (before, under)]
+    tools = [Pose(matrix(turn), origin) for origin, turn in states]
+    about = tools[0].origin if by.load.about == "frame" else None
+    w_e = _about_tool(frames.pose(by.load.frame, tools[1], q), load, about)
+    if by.load.tare:
+        w_e = w_e - _about_tool(frames.pose(by.load.frame, tools[0], q), rest, about)
+    moved = np.concatenate(
+        [states[1][0] - states[0][0], rotation_vector(product(states[1][1], states[0][1] * [-1, -1, -1, 1]))], 1
+    )
+    arrays = {
+        "time_s": pushes.before / 1e9,
+        "grasp_id": grasp.astype(np.int64),
+        "q": q,
+        "x_ht": np.concatenate([states[0][0], rotation_vector(states[0][1])], 1),
+        "w_e": w_e,
+        "contacts": _contacts(by, hand, frames, raw_contacts, tools[0], q),
+        "dx_ht": np.where(pushes.held[:, None], moved, math.nan),
+        "stable": pushes.held.astype(float),
+    }
+    columns = {
+        column_of(hand, name, at).name: numbers(values, at)
+        for name, values in arrays.items()
+        for at in np.ndindex(shapes_of(hand)[name])
+    }
+    unknown = [name for name, values in columns.items() if values.dtype.kind == "f" and np.isnan(values).all()]
+    told = {name: values for name, values in columns.items() if name not in unknown or name.startswith("dx_ht")}
+    return Raw(str(path), told, Rows(f"{pushes.topic} message", pushes.numbers))
+
+
+def _held_values(stream: _Stream, pushes: _Pushes, faults: _Faults) -> Array:
+    """The last value of a stream at the beginning of each push."""
+    at = np.searchsorted(stream.times(), pushes.before, "right") - 1
+    for k in np.flatnonzero(at < 0).tolist():
+        faults.add(pushes.topic, int(pushes.numbers[k]), "grasp", f"stands before the first message of {stream.topic}")
+    return np.array(stream.rows, float)[np.maximum(at, 0), 0]
+
+
+def _mean(values: Array) -> Array:
+    return values[0] if len(values) == 1 else values.mean(0)
+
+
+def _mean_pose(values: Array) -> Array:
+    """Of positions, and of quaternions, which count the same with either sign."""
+    if len(values) == 1:
+        return values[0]
+    turns = values[:, 3:] * np.where(values[:, 3:] @ values[-1, 3:] < 0, -1.0, 1.0)[:, None]
+    return np.concatenate([values[:, :3].mean(0), turns.mean(0)])
+
+
+def _mean_contact(values: Array) -> Array:
+    """Of the messages that say the same of the contact as most of them do."""
+    on = values[:, ON].mean() >= 0.5
+    mean = _mean(values[(values[:, ON] > 0) == on]).copy()
+    length = np.linalg.norm(mean[NORMAL])
+    if on and len(values) > 1 and length > 0:
+        mean[NORMAL] /= length
+    return mean
+
+
+def _placed(origin: Array, turn: Array, pose: Array) -> tuple[Array, Array]:
+    """Origins (n, 3) and unit quaternions (n, 4) in the palm's frame of poses (n, 7) of one that stands there."""
+    own = pose[:, 3:] / np.linalg.norm(pose[:, 3:], axis=1, keepdims=True)
+    if not origin.any() and not turn[:3].any():
+        return pose[:, :3], own
+    return Pose(matrix(turn), origin).point(pose[:, :3]), product(np.broadcast_to(turn, own.shape), own)
+
+
+def _about_tool(frame: Pose, wrench: Array, tool: Array | None) -> Array:
+    """Wrenches (n, 6) of a frame in the palm's axes; about points (n, 3), where these are given, not its origin."""
+    force, moment = frame.vector(wrench[:, :3]), frame.vector(wrench[:, 3:])
+    if tool is not None:
+        moment = moment + np.cross(frame.origin - tool, force)
+    return np.concatenate([force, moment], 1)
+
+
+def _contacts(by: Map, hand: Hand, frames: Frames, read: dict[str, Array], tool: Pose, q: Array) -> Array:
+    """Contacts (n, B, 8) in the palm's frame; a branch that the map leaves out touches, and nothing more is known."""
+    out = np.full((len(q), hand.dims.branches, 8), math.nan)
+    out[..., ON] = 1.0
+    for b, branch in enumerate(hand.branches):
+        if branch.name in read:
+            pose = frames.pose(by.contacts[branch.name].frame, tool, q)
+            out[:, b] = read[branch.name]
+            out[:, b, POINT] = pose.point(out[:, b, POINT])
+            out[:, b, NORMAL] = pose.vector(out[:, b, NORMAL])
+    return out

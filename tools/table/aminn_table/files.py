@@ -1,0 +1,139 @@
+"""Files of tables: CSV, Parquet and HDF5, told apart by what they hold, as named columns."""
+
+from __future__ import annotations
+
+import csv
+import io
+from dataclasses import dataclass, field
+
+import h5py
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from aminn_base.errors import AminnError
+from aminn_base.read import AnyPath, read_bytes, read_text
+
+from .checks import Fault, Rows
+
+FRAME = "frame"
+"""What a file may say of itself: `frame = H`, or of one array `frame.w_e = tool`."""
+MAGIC = {b"PAR1": "Parquet", b"\x89HDF\r\n\x1a\n": "HDF5"}
+FORMATS = {".csv": "CSV", ".parquet": "Parquet", ".h5": "HDF5", ".hdf5": "HDF5"}
+"""Format of a file that is written, by the end of its name."""
+
+
+@dataclass(frozen=True)
+class Raw:
+    """Named columns as a file has them, before anything is known of their meaning."""
+
+    source: str
+    columns: dict[str, NDArray]
+    """Numbers, or texts (dtype object) of a file of text; an empty text is no number."""
+    rows: Rows
+    told: dict[str, str] = field(default_factory=dict)
+    """What the file says of itself."""
+    strange: tuple[Fault, ...] = ()
+    """What was wrong with cells already."""
+    factors: dict[str, float] = field(default_factory=dict)
+    """What to multiply numbers of columns by."""
+
+
+def read_raw(path: AnyPath) -> Raw:
+    """The columns of a file. Raises AminnError where it is none of the formats, or damaged."""
+    content = read_bytes(path)
+    if not content.strip():
+        raise AminnError(f"{path}: is empty, expected a table of pushes")
+    kind = next((kind for magic, kind in MAGIC.items() if content.startswith(magic)), "CSV")
+    return {"CSV": _read_csv, "Parquet": _read_parquet, "HDF5": _read_hdf5}[kind](str(path), content)
+
+
+def _read_csv(path: str, content: bytes) -> Raw:
+    if b"\0" in content[:1000]:
+        raise AminnError(f"{path}: no CSV, Parquet or HDF5 file; save the table as one of these")
+    lines = read_text(path, content).split("\n")
+    told, start = {}, 0
+    while start < len(lines) and lines[start].startswith("#"):
+        key, _, value = lines[start][1:].partition("=")
+        told[key.strip()] = value.strip()
+        start += 1
+    delimiter = max(",;\t", key=lines[start].count) if start < len(lines) else ","
+    reader = csv.reader(lines[start:], delimiter=delimiter, strict=True)
+    try:
+        header = [name.strip() for name in next(reader, [])]
+        if twice := sorted({name for name in header if header.count(name) > 1}):
+            raise AminnError(f"{path}: line {start + 1}: two columns are called {twice[0]!r}; give each its own name")
+        cells, numbers = [], []
+        for row in reader:
+            line = start + reader.line_num
+            if not any(cell.strip() for cell in row):
+                continue
+            if len(row) != len(header):
+                raise AminnError(f"{path}: line {line}: has {len(row)} cells, the header has {len(header)} columns")
+            cells.append(row)
+            numbers.append(line)
+    except csv.Error as error:
+        raise AminnError(f"{path}: line {start + reader.line_num}: not valid CSV ({error})") from error
+    table = np.array(cells, object).reshape(len(cells), len(header))
+    return Raw(
+        path, {name: table[:, k] for k, name in enumerate(header)}, Rows("line", np.array(numbers, np.int64)), told
+    )
+
+
+def _read_parquet(path: str, content: bytes) -> Raw:
+    try:
+        table = pq.read_table(pa.BufferReader(content))
+    except (pa.ArrowException, OSError) as error:
+        raise AminnError(f"{path}: not a readable Parquet file ({_first_line(error)}); write it again") from error
+    if twice := sorted({n for n in table.column_names if table.column_names.count(n) > 1}):
+        raise AminnError(f"{path}: two columns are called {twice[0]!r}; give each its own name")
+    columns, strange = {}, []
+    for name, column in zip(table.column_names, table.columns, strict=True):
+        kind = column.type
+        if pa.types.is_integer(kind) and not column.null_count:
+            columns[name] = column.to_numpy()
+        elif pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind):
+            columns[name] = column.cast(pa.float64(), safe=False).to_numpy()
+        elif pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_dictionary(kind):
+            columns[name] = np.array(column.to_pylist(), object)
+        else:
+            strange.append(Fault(name, f"holds {kind}, expected one number a row"))
+    told = {k.decode(errors="replace"): v.decode(errors="replace") for k, v in (table.schema.metadata or {}).items()}
+    return Raw(path, columns, Rows.counted(table.num_rows), told, tuple(strange))
+
+
+def _read_hdf5(path: str, content: bytes) -> Raw:
+    """Arrays of the design's names, spread into the columns that they are; others stay what they are."""
+    try:
+        with h5py.File(io.BytesIO(content), "r") as file:
+            arrays = {name: item[()] for name, item in file.items() if isinstance(item, h5py.Dataset)}
+            names = {name: item.attrs.get("columns") for name, item in file.items() if name in arrays}
+            told = {name: str(value) for name, value in file.attrs.items()}
+    except (OSError, KeyError, TypeError, ValueError, RuntimeError) as error:  # all of them h5py's
+        raise AminnError(f"{path}: not a readable HDF5 file ({_first_line(error)}); write it again") from error
+    lengths = {name: len(values) for name, values in arrays.items() if np.ndim(values)}
+    if not lengths:
+        raise AminnError(f"{path}: has no arrays at its root, expected q, x_ht, w_e, contacts with a row a push")
+    if len(set(lengths.values())) > 1 or len(lengths) < len(arrays):
+        raise AminnError(f"{path}: arrays have different lengths: " + ", ".join(f"{k} {n}" for k, n in lengths.items()))
+    columns: dict[str, NDArray] = {}
+    for name, values in arrays.items():
+        if h5py.check_string_dtype(values.dtype):
+            columns[name] = np.array([v.decode(errors="replace") for v in values], object)
+            continue
+        own = None if names[name] is None else [str(n) for n in np.ravel(names[name])]
+        columns |= _spread(name, values, own)
+    return Raw(path, columns, Rows.counted(next(iter(lengths.values()))), told)
+
+
+def _spread(name: str, values: NDArray, own: list[str] | None) -> dict[str, NDArray]:
+    """An array as columns: `own` names, or `name[i, j]` for what `assemble` finds by its place."""
+    flat = values.reshape(len(values), -1)
+    if own is None or len(own) != flat.shape[1]:
+        own = [f"{name}[{', '.join(map(str, at))}]" if at else name for at in np.ndindex(values.shape[1:])]
+    return dict(zip(own, flat.T, strict=True))
+
+
+def _first_line(error: BaseException) -> str:
+    return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
