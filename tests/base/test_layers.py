@@ -27,7 +27,7 @@ FLOORS = (
     ("aminn_app",),
 )
 ROOMS = {
-    "aminn": ("hand", "model", "data", "evaluation", "training", "pages"),
+    "aminn": ("hand", "model", "data", "evaluation", "training", "calibration", "pages"),
     "aminn_export": ("files", "samples", "replay", "judge", "export"),
 }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -11,6 +12,10 @@ from aminn import __version__
 from aminn_base.errors import AminnError
 from aminn_base.program import Commands, Judges
 from aminn_base.read import read_json
+
+if TYPE_CHECKING:
+    from aminn.data.dataset import Dataset
+    from aminn.model.checkpoint import Checkpoint
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
 EXISTING = click.Path(path_type=Path, file_okay=False, exists=True)
@@ -23,6 +28,22 @@ TRAINED_ON = click.option(
     default=None,
     help="Where --data is another one: the data set of the training, whose grasps are then left out.",
 )
+
+
+CALIBRATION = click.option(
+    "--calibration",
+    type=READABLE,
+    help="The data are measured on a hand with this calibration (JSON of `aminn calibrate`).",
+)
+
+
+def with_calibration(data: Dataset, calibration: Path | None, run: Checkpoint) -> Dataset:
+    """The measured samples as a model is to see them, if there is a calibration."""
+    if calibration is None:
+        return data
+    from aminn.calibration.store import calibrated, read_calibration
+
+    return calibrated(data, read_calibration(calibration, run.model.hand))
 
 
 def read_verification(file: Path) -> dict:
@@ -38,7 +59,7 @@ def read_verification(file: Path) -> dict:
 def main() -> None:
     """Predict how a robot hand's grasp gives way under load.
 
-    Simulate, train, evaluate, explain, export, verify, compare, report.
+    Simulate, train, evaluate, calibrate, explain, export, verify, compare, report.
     """
 
 
@@ -248,8 +269,16 @@ def train(
     help="all: every load case, of data that no model was trained on.",
 )
 @TRAINED_ON
+@CALIBRATION
 @click.option("--json", "json_file", type=NEW_FILE, help="Write every figure here, as flat keys.")
-def evaluate(data: Path, runs: tuple[Path, ...], split: str, trained_on: Path | None, json_file: Path | None) -> None:
+def evaluate(
+    data: Path,
+    runs: tuple[Path, ...],
+    split: str,
+    trained_on: Path | None,
+    calibration: Path | None,
+    json_file: Path | None,
+) -> None:
     """Print the figures of trained models beside the analytical model, no motion and the ground truth."""
     from aminn.data.dataset import load_dataset
     from aminn.evaluation.evaluate import evaluate as run
@@ -257,14 +286,88 @@ def evaluate(data: Path, runs: tuple[Path, ...], split: str, trained_on: Path | 
     from aminn.model.checkpoint import load_checkpoint
     from aminn_base.files import check_outputs, write_json
 
-    check_outputs([json_file], [data, *runs, trained_on])
+    check_outputs([json_file], [data, *runs, trained_on, calibration])
     origin = load_dataset(trained_on) if trained_on else None
-    result = run([load_checkpoint(r) for r in runs], load_dataset(data), split, origin)
+    checkpoints = [load_checkpoint(r) for r in runs]
+    result = run(checkpoints, with_calibration(load_dataset(data), calibration, checkpoints[0]), split, origin)
     if json_file:
         write_json(json_file, flat_report(result))
     click.echo(format_table(result))
     if json_file:
         click.echo(f"figures: {json_file}")
+
+
+@main.command()
+@click.option("--run", "checkpoint", type=EXISTING, required=True, help="Checkpoint folder.")
+@click.option("--data", type=FILE_OR_FOLDER, required=True, help="Pushes of the hand: a table, or a data set.")
+@click.option("--out", type=NEW_FILE, required=True, help="Write theta here (JSON); a C table beside it, .h.")
+@click.option(
+    "--prior",
+    nargs=3,
+    type=click.FloatRange(0, min_open=True),
+    metavar="LOG RAD M",
+    help="Standard deviations before anything is measured: of logarithms of factors, joint zeros, tip radius.  "
+    "[default: 0.3 0.02 0.001]",
+)
+@click.option(
+    "--noise",
+    type=click.FloatRange(0),
+    default=0.0,
+    show_default=True,
+    help="Sensor noise of the states, in multiples of docs/evaluation.md's.",
+)
+@click.option(
+    "--errors-from",
+    type=EXISTING,
+    help="Find on this data set with known theta (the training's will do) how wrong the model is; kept in the run.",
+)
+@click.option("--as-told", is_flag=True, help="Take the data as they are told to be, whatever they look like.")
+@click.option("--page", type=NEW_FILE, help="Write a page with plots here (HTML).")
+def calibrate(
+    checkpoint: Path,
+    data: Path,
+    out: Path,
+    prior: tuple[float, float, float] | None,
+    noise: float,
+    errors_from: Path | None,
+    as_told: bool,
+    page: Path | None,
+) -> None:
+    """Fit a hand's stiffnesses, contacts, joint zeros and tip radius to a few measured pushes.
+
+    Ten pushes in two grasps do well, forty in five better; docs/calibration.md says what to push. Prints the error of
+    pushes that theta was not fitted to, before and after, and which parameters the pushes do not determine. Writes
+    nothing where theta would make things worse, or where the data look as if read wrongly: sign, units, frames,
+    exchanged fingers.
+    """
+    from aminn.calibration.calibrate import calibrate as run
+    from aminn.calibration.calibrate import refusals
+    from aminn.calibration.fit import Prior
+    from aminn.calibration.pushes import predictor, read_pushes
+    from aminn.calibration.store import as_text, errors_of, learn_errors, write_calibration, write_errors
+    from aminn.data.dataset import load_dataset
+    from aminn.model.checkpoint import load_checkpoint
+    from aminn_base.files import check_outputs
+
+    check_outputs([out, out.with_suffix(".h"), page], [checkpoint, data, errors_from])
+    loaded = load_checkpoint(checkpoint)
+    if errors_from:
+        click.echo(f"errors: {write_errors(loaded, learn_errors(loaded, load_dataset(errors_from)))}")
+    pushes, notes = read_pushes(data, loaded)
+    for note in notes:
+        click.echo(note)
+    chosen = Prior(*prior) if prior else Prior()
+    found = run(predictor(loaded.model), pushes, chosen, errors_of(loaded), noise, not as_told)
+    for reason in refusals(found):
+        raise AminnError(f"{data}: {reason}")
+    click.echo(as_text(found))
+    if page:
+        from aminn.pages.calibration import write_calibration_page
+
+        write_calibration_page(found, page)
+        click.echo(f"page: {page}")
+    for file in write_calibration(out, found, loaded.sha256):
+        click.echo(f"theta: {file}")
 
 
 @main.command()
@@ -436,7 +539,10 @@ def report(
 @click.option("--sample", type=click.IntRange(0), required=True, help="Number of the load case in the data set.")
 @click.option("--out", type=NEW_FILE, default=None, help="Write the picture here (.png, .svg or .pdf).")
 @click.option("--json", "json_file", type=NEW_FILE, default=None, help="Write the numbers here.")
-def explain(checkpoint: Path, data: Path, sample: int, out: Path | None, json_file: Path | None) -> None:
+@CALIBRATION
+def explain(
+    checkpoint: Path, data: Path, sample: int, out: Path | None, json_file: Path | None, calibration: Path | None
+) -> None:
     """Say what the mechanics layer makes of one load case.
 
     Springs, tendon directions and engagement of each finger, the stiffness K_x with its principal compliances and their
@@ -447,8 +553,9 @@ def explain(checkpoint: Path, data: Path, sample: int, out: Path | None, json_fi
     from aminn.pages.explain import as_text, draw, explain_sample
     from aminn_base.files import check_outputs, write_json
 
-    check_outputs([out, json_file], [data, checkpoint])
-    found = explain_sample(load_checkpoint(checkpoint), load_dataset(data), sample)
+    check_outputs([out, json_file], [data, checkpoint, calibration])
+    run = load_checkpoint(checkpoint)
+    found = explain_sample(run, with_calibration(load_dataset(data), calibration, run), sample)
     click.echo(as_text(found))
     if json_file:
         write_json(json_file, found.flat())

@@ -3,12 +3,13 @@ and what noisy sensors do to it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from aminn_hand import Hand
 from aminn_hand.hand import rotation, times
 
 from ..data.dataset import Dataset
@@ -20,6 +21,8 @@ from .metrics import auroc, pose_error, pose_size
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Fields = Mapping[str, NDArray]
+"""Arrays of samples, by their names."""
 Parts = dict[str, dict[str, float]]
 """Figures by part of the load cases; "" is all of them."""
 
@@ -175,25 +178,29 @@ class SensorNoise:
         return SensorNoise(**{name: factor * value for name, value in vars(self).items()})
 
 
-def with_noise(data: Dataset, noise: SensorNoise, seed: int = 0) -> Dataset:
-    """The samples as noisy sensors would give them; the closure follows from the noisy readings."""
-    rng, s = np.random.default_rng(seed), dict(data.samples)
-    n = len(data)
-    s["q"] = s["q"] + noise.joint_rad * rng.normal(size=s["q"].shape)
-    w, parts = s["w_e"].copy(), ((slice(0, 3), noise.force_N), (slice(3, 6), 0.02 * noise.force_N))
+def noisy_state(hand: Hand, state: Fields, noise: SensorNoise, rng: np.random.Generator) -> dict[str, NDArray]:
+    """What noisy sensors give of states (n): q, w_e, contacts, and the closure that follows from these."""
+    n, x_ht = len(state["q"]), state["x_ht"]
+    q = state["q"] + noise.joint_rad * rng.normal(size=state["q"].shape)
+    w, parts = state["w_e"].copy(), ((slice(0, 3), noise.force_N), (slice(3, 6), 0.02 * noise.force_N))
     for part, absolute in parts:
         size = np.linalg.norm(w[:, part], axis=1, keepdims=True)
         w[:, part] += (noise.force * size + absolute) * rng.normal(size=(n, 3)) / np.sqrt(3)
-    c = s["contacts"].copy()
+    c = state["contacts"].copy()
     touching = c[..., 0] > 0
     c[..., 1:4] += touching[..., None] * noise.contact_m * rng.normal(size=(*touching.shape, 3))
     tilted = c[..., 4:7] + noise.normal_rad * rng.normal(size=(*touching.shape, 3)) / np.sqrt(2)
     unit = tilted / np.maximum(np.linalg.norm(tilted, axis=-1, keepdims=True), 1e-9)
     c[..., 4:7] = np.where(touching[..., None], unit, c[..., 4:7])
     c[..., 7] = np.maximum(c[..., 7] * (1 + noise.force * rng.normal(size=touching.shape)), 0) * touching
-    s["w_e"], s["contacts"] = w, c
-    s["j_x"], s["j_q"] = closure(data.hand, s["q"], s["x_ht"], c)
-    return Dataset(data.manifest, s, data.grasps, data.noise, data.selection)
+    j_x, j_q = closure(hand, q, x_ht, c)
+    return {"q": q, "w_e": w, "contacts": c, "j_x": j_x, "j_q": j_q}
+
+
+def with_noise(data: Dataset, noise: SensorNoise, seed: int = 0) -> Dataset:
+    """The samples as noisy sensors would give them; the closure follows from the noisy readings."""
+    noisy = noisy_state(data.hand, data.samples, noise, np.random.default_rng(seed))
+    return Dataset(data.manifest, {**data.samples, **noisy}, data.grasps, data.noise, data.selection)
 
 
 def noise_part(factor: float) -> str:

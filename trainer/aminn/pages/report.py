@@ -119,11 +119,11 @@ def label_of(name: str) -> str:
     return NAMES.get(name, name)
 
 
-def _figure(width: float, height: float) -> Figure:
+def new_figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), dpi=130, layout="constrained")
 
 
-def _tidy(ax: Axes, x: str, y: str, title: str = "") -> None:
+def tidy(ax: Axes, x: str, y: str, title: str = "") -> None:
     ax.set_xlabel(x, fontsize=9)
     ax.set_ylabel(y, fontsize=9)
     ax.set_title(title, fontsize=10, loc="left")
@@ -167,7 +167,7 @@ def _draw_work(ax: Axes, work: Mapping[str, Array], title: str) -> None:
     ax.set_xscale("symlog", linthresh=low, linscale=0.4)
     ax.axvspan(edges[0], 0, color="#b03a48", alpha=0.07, linewidth=0)
     ax.axvline(0, color="#b03a48", linewidth=0.8)
-    _tidy(ax, "signed work, J", "share of samples", title)
+    tidy(ax, "signed work, J", "share of samples", title)
     ax.set_xlim(edges[0], edges[-1])
     ax.set_ylim(0, 1.45 * peak if peak else 1)
     exponents = range(math.ceil(math.log10(low)) + 1, math.floor(math.log10(edges[-1]) + 1e-9) + 1, 2)
@@ -180,7 +180,7 @@ def _draw_work(ax: Axes, work: Mapping[str, Array], title: str) -> None:
 def work_figure(full: Mapping[str, Array], translational: Mapping[str, Array]) -> Figure:
     """Histogram of the signed work, full and translational."""
     panels = [(w, t) for w, t in ((full, "w·dx (force and moment)"), (translational, "f·dp (force alone)")) if w]
-    figure = _figure(5.2 * len(panels), 3.6)
+    figure = new_figure(5.2 * len(panels), 3.6)
     axes = figure.subplots(1, len(panels), squeeze=False)[0]
     for ax, (work, title) in zip(axes, panels, strict=True):
         _draw_work(ax, work, title)
@@ -210,7 +210,7 @@ def _range(values: Array) -> tuple[float, float]:
 def displacement_figure(true: Array, predicted: Mapping[str, Array]) -> Figure:
     """Size of the predicted motion against the simulated one: a column a model, translation above rotation."""
     names = list(predicted)
-    figure = _figure(3.3 * len(names) + 0.4, 6.6)
+    figure = new_figure(3.3 * len(names) + 0.4, 6.6)
     axes = figure.subplots(2, len(names), squeeze=False)
     kinds = ((slice(0, 3), 1e3, "translation, mm"), (slice(3, 6), 180 / math.pi, "rotation, deg"))
     for row, (part, unit, text) in enumerate(kinds):
@@ -221,7 +221,7 @@ def displacement_figure(true: Array, predicted: Mapping[str, Array]) -> Figure:
             ax = axes[row, column]
             _draw_scatter(ax, size, guess, colour_of(name, names), low, high)
             title = label_of(name) if row == 0 else ""
-            _tidy(ax, f"simulated {text}", f"predicted {text}" if column == 0 else "", title)
+            tidy(ax, f"simulated {text}", f"predicted {text}" if column == 0 else "", title)
     return figure
 
 
@@ -229,7 +229,7 @@ def training_figure(histories: Mapping[str, Mapping[str, Mapping[str, Sequence[f
     """Loss by epoch; a panel a stage."""
     stages = sorted({stage for history in histories.values() for stage in history})
     texts = {"stage1": "stage 1: cross-entropy", "stage2": "stage 2: displacement loss"}
-    figure = _figure(5.2 * len(stages), 3.4)
+    figure = new_figure(5.2 * len(stages), 3.4)
     axes = figure.subplots(1, len(stages), squeeze=False)[0]
     for ax, stage in zip(axes, stages, strict=True):
         for name, history in histories.items():
@@ -244,7 +244,7 @@ def training_figure(histories: Mapping[str, Mapping[str, Mapping[str, Sequence[f
         ax.yaxis.set_minor_locator(LogLocator(subs=(2, 5)))  # more labels would touch
         ax.yaxis.set_major_formatter("{x:g}")
         ax.yaxis.set_minor_formatter("{x:g}")
-        _tidy(ax, "epoch", "loss", texts.get(stage, stage))
+        tidy(ax, "epoch", "loss", texts.get(stage, stage))
         ax.tick_params(which="minor", labelsize=7)
         ax.legend(fontsize=8, frameon=False)
     return figure
@@ -252,7 +252,7 @@ def training_figure(histories: Mapping[str, Mapping[str, Mapping[str, Sequence[f
 
 def operating_figure(curves: Mapping[str, tuple[Mapping[str, Sequence[float]], float]]) -> Figure:
     """F1 against displacement error and against the share passed on, along the threshold; a ring at the chosen one."""
-    figure = _figure(10.4, 3.6)
+    figure = new_figure(10.4, 3.6)
     axes = figure.subplots(1, 2)
     sides = (("rmse_pose", "RMSE_pose of what is stable and passed on"), ("passed", "share of load cases passed on"))
     for name, (curve, tau) in curves.items():
@@ -262,14 +262,14 @@ def operating_figure(curves: Mapping[str, tuple[Mapping[str, Sequence[float]], f
             ax.plot(curve[key], curve["f1"], color=colour, linewidth=1.6, label=f"{label_of(name)}, tau {tau:.2f}")
             ax.plot(curve[key][chosen], curve["f1"][chosen], "o", color=colour, markersize=8, fillstyle="none")
     for ax, (_, text) in zip(axes, sides, strict=True):
-        _tidy(ax, text, "F1", "")
+        tidy(ax, text, "F1", "")
         ax.legend(fontsize=8, frameon=False, loc="lower right" if ax is axes[0] else "lower center")
     return figure
 
 
 def reliability_figure(curves: Mapping[str, Sequence[Mapping[str, float]]]) -> Figure:
     """Share of cases that hold against the predicted probability; the size of a point is the number of cases."""
-    figure = _figure(4.6, 4.2)
+    figure = new_figure(4.6, 4.2)
     ax = figure.subplots()
     ax.plot([0, 1], [0, 1], color="#111111", linewidth=0.9)
     for name, bins in curves.items():
@@ -278,12 +278,12 @@ def reliability_figure(curves: Mapping[str, Sequence[Mapping[str, float]]]) -> F
         x, y = [b["p"] for b in bins], [b["share"] for b in bins]
         ax.plot(x, y, color=colour, linewidth=1.2, label=label_of(name))
         ax.scatter(x, y, s=sizes, color=colour, alpha=0.4, linewidths=0)
-    _tidy(ax, "predicted p_stable", "share that holds")
+    tidy(ax, "predicted p_stable", "share that holds")
     ax.legend(fontsize=8, frameon=False)
     return figure
 
 
-def _picture(title: str, caption: str, figure: Figure) -> Picture:
+def picture(title: str, caption: str, figure: Figure) -> Picture:
     return Picture(title, caption, base64.b64encode(to_png(figure)).decode())
 
 
@@ -292,11 +292,11 @@ def pictures(inputs: ReportInputs) -> list[Picture]:
     made = []
     if inputs.grasp is not None:
         figure, caption = draw_grasp(inputs.grasp)
-        made.append(_picture("A grasp under load", caption, figure))
+        made.append(picture("A grasp under load", caption, figure))
     if inputs.true_dx is not None and inputs.predicted_dx:
         caption = "Stable load cases. A point on the line is a motion of the right size."
         made.append(
-            _picture(
+            picture(
                 "Predicted against simulated displacement",
                 caption,
                 displacement_figure(inputs.true_dx, inputs.predicted_dx),
@@ -309,16 +309,16 @@ def pictures(inputs: ReportInputs) -> list[Picture]:
             "of the drawing on the right."
         )
         figure = work_figure(inputs.signed_work, inputs.signed_work_translational)
-        made.append(_picture("Signed work", caption, figure))
+        made.append(picture("Signed work", caption, figure))
     if inputs.operating:
         caption = "Validation data, along the threshold on p_stable. Rings: the thresholds stored with the models."
-        made.append(_picture("Operating point", caption, operating_figure(inputs.operating)))
+        made.append(picture("Operating point", caption, operating_figure(inputs.operating)))
     if inputs.reliability:
         caption = "On the line, a share p of the cases with probability p holds. Large points: many cases."
-        made.append(_picture("Calibration of p_stable", caption, reliability_figure(inputs.reliability)))
+        made.append(picture("Calibration of p_stable", caption, reliability_figure(inputs.reliability)))
     if inputs.histories:
         made.append(
-            _picture("Training", "Dashed: training data; solid: validation data.", training_figure(inputs.histories))
+            picture("Training", "Dashed: training data; solid: validation data.", training_figure(inputs.histories))
         )
     return made
 
@@ -369,8 +369,8 @@ def difference_table(verification: Mapping[str, Value]) -> tuple[list[str], list
     return [TARGETS[t] for t in targets], cells
 
 
-def write_report(inputs: ReportInputs, out_html: AnyPath) -> None:
-    """Write the page, atomically."""
+def write_page(template: str, out_html: AnyPath, **values: object) -> None:
+    """Fill in a template of this folder and write the page, atomically."""
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(Path(__file__).parent),
         autoescape=True,
@@ -378,8 +378,15 @@ def write_report(inputs: ReportInputs, out_html: AnyPath) -> None:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    write_atomically(Path(out_html), environment.get_template(template).render(**values).encode())
+
+
+def write_report(inputs: ReportInputs, out_html: AnyPath) -> None:
+    """Write the page, atomically."""
     headings, differences = difference_table(inputs.verification)
-    page = environment.get_template("report.html.j2").render(
+    write_page(
+        "report.html.j2",
+        out_html,
         inputs=inputs,
         columns=COLUMNS.values(),
         rows=result_table(inputs.rows),
@@ -390,4 +397,3 @@ def write_report(inputs: ReportInputs, out_html: AnyPath) -> None:
         pictures=pictures(inputs),
         verification=inputs.verification,
     )
-    write_atomically(Path(out_html), page.encode())

@@ -1,0 +1,328 @@
+"""Theta from pushes: the most probable one, and how far it is determined.
+
+What a model says of a push is wrong in two ways. Each push has an error of its own, relative to its motion and now and
+then large (a slip): Student's t. And all pushes of a grasp share one, as if the hand had other stiffnesses in that
+grasp: each grasp has deviations from theta of its own, drawn from a Gaussian. So ten pushes of one grasp say less than
+ten of ten. Both are found together with theta, by Levenberg and Marquardt's method with weights for the t.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from math import lgamma
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aminn_hand.hand import N_WRENCH
+from aminn_hand.theta import Theta
+
+from .pushes import Array, Predict, Pushes, scaled
+
+Mask = NDArray[np.bool_]
+STEPS = {"zero": 1e-3, "radius": 1e-4}
+"""Of central differences, rad and m; that of a logarithm is `LOG_STEP`."""
+LOG_STEP = 0.02
+LEAST_MOTION = 1e-6
+"""Of a push, in units of the pose error: 0.1 um."""
+ENOUGH, MOST_DAMPING = 0.01, 1e6
+"""Gain of the loss below which a fit is done, and the damping above which it gives up."""
+BIAS = {"spring": 0.3, "servo": 0.2, "tendon": 0.2, "contact": 0.3}
+"""Of a model told stiffnesses; kinds that are not named have none."""
+MOST_GRASPS = 40
+"""As many are looked at for a model's errors."""
+BIAS_PUSHES, BIAS_DRAWS = ((10, 2), (40, 5)), 2
+"""(pushes, grasps) of the fits that the bias is found from, and how many of each hand."""
+BIAS_SWEEPS, MOST_BIAS, HELD = 2, 1.0, 0.9
+"""Rounds over the kinds, the greatest bias that is tried, and the share that intervals are to hold."""
+Z90 = 1.645
+"""Standard deviations on each side of an interval that holds 90 %."""
+FREEDOMS = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0)
+"""Degrees of freedom among which one is chosen."""
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Standard deviations of theta before anything is measured; its mean is zero, the hand's description."""
+
+    log: float = 0.3
+    """Of the logarithm of a factor: 0.3 is what a stiffness drawn within exp(+-0.5) has."""
+    zero_rad: float = 0.02
+    """Of a joint's zero."""
+    radius_m: float = 0.001
+    """Of the tips' radius."""
+
+    def sd(self, space: Theta) -> Array:
+        """(P) in the order of theta."""
+        kinds = {"zero": self.zero_rad, "radius": self.radius_m}
+        return np.array([kinds.get(p.kind, self.log) for p in space.parameters])
+
+
+@dataclass(frozen=True)
+class Errors:
+    """How wrong a model is of a hand whose theta it is told."""
+
+    relative: float = 0.015
+    """Scale of a push's own error, each of six components, over the size of its motion."""
+    deviation: float = 0.1
+    """Standard deviation of each grasp's own deviations, in logarithms of factors."""
+    freedom: float = 1.5
+    """Of Student's t: the fewer, the more slips are expected."""
+    bias: Mapping[str, float] = field(default_factory=lambda: dict(BIAS))
+    """Standard deviations of what all grasps of a hand have in common and no number of pushes averages out, in
+    logarithms of factors, by kind of parameter."""
+    floor: float = 1e-5
+    """Of a push's error, in units of the pose error: what the measurement of motion is good for."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """The most probable theta."""
+
+    theta: Array  # (P)
+    covariance: Array  # (P, P)
+    deviations: Array  # (G, P) of each grasp, zeros and radius 0
+    loss: float
+    """Negative logarithm of the posterior density at theta and deviations, but for a constant."""
+    weights: Array  # (n) what each push counts, 1 or more where it fits, about 0 for a slip
+    evidence: float
+    """Logarithm of the probability of the pushes, whatever theta and deviations are, but for a constant."""
+
+    @property
+    def sd(self) -> Array:
+        """(P) standard deviations."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def steps_of(space: Theta) -> Array:
+    """(P) steps of central differences."""
+    return np.array([STEPS.get(p.kind, LOG_STEP) for p in space.parameters])
+
+
+class Problem:
+    """Residuals and derivatives of one fit; unknown are theta's free entries, then each grasp's deviations.
+
+    centre: theta (P) or (n, P) where the unknowns are zero. noise: (n) standard deviation of each component of a push's
+    displacement beside the model's own error, in units of the pose error.
+    """
+
+    def __init__(
+        self,
+        predict: Predict,
+        pushes: Pushes,
+        prior: Prior,
+        errors: Errors,
+        free: Mask | None = None,
+        centre: Array | None = None,
+        noise: Array | None = None,
+    ) -> None:
+        self.predict, self.pushes, self.errors, self.space = predict, pushes, errors, Theta(pushes.hand)
+        size = np.linalg.norm(scaled(pushes.dx_ht, pushes.hand.length_m), axis=1)
+        own = np.hypot(errors.relative * np.maximum(size, LEAST_MOTION), errors.floor)
+        self.scale = own if noise is None else np.hypot(own, noise)
+        self.grasp = pushes.grasps
+        self.n_grasps = int(self.grasp.max()) + 1
+        self.centre = np.zeros(len(self.space)) if centre is None else centre
+        self.places = np.arange(len(self.space)) if free is None else np.flatnonzero(free)
+        self.own = np.arange(self.space.factors if errors.deviation > 0 else 0)
+        of_grasps = np.full(self.n_grasps * len(self.own), max(errors.deviation, 1e-9) ** -2)
+        self.precision = np.concatenate([prior.sd(self.space)[self.places] ** -2, of_grasps])
+
+    def split(self, u: Array) -> tuple[Array, Array]:
+        """theta (P) beyond the centre, and deviations (G, P), of unknowns u."""
+        theta, deviations = np.zeros(len(self.space)), np.zeros((self.n_grasps, len(self.space)))
+        theta[self.places] = u[: len(self.places)]
+        deviations[:, self.own] = u[len(self.places) :].reshape(self.n_grasps, -1)
+        return theta, deviations
+
+    def _rows(self, u: Array) -> Array:
+        """theta (n, P) of each push."""
+        theta, deviations = self.split(u)
+        return self.centre + theta + deviations[self.grasp]
+
+    def _residual(self, dx: Array, times: int = 1) -> Array:
+        measured, scale = np.tile(self.pushes.dx_ht, (times, 1)), np.tile(self.scale, times)
+        return scaled(measured - dx, self.pushes.hand.length_m) / scale[:, None]
+
+    def residual(self, u: Array) -> Array:
+        """(n, 6) in standard deviations."""
+        return self._residual(self.predict(self.pushes, self._rows(u)))
+
+    def loss(self, u: Array, residual: Array) -> float:
+        """Negative logarithm of the posterior density, but for a constant."""
+        nu, square = self.errors.freedom, (residual**2).sum(1)
+        return float(0.5 * (nu + N_WRENCH) * np.log1p(square / nu).sum() + 0.5 * (self.precision * u * u).sum())
+
+    def weights(self, residual: Array) -> Array:
+        """(n) of each push."""
+        return (self.errors.freedom + N_WRENCH) / (self.errors.freedom + (residual**2).sum(1))
+
+    def jacobian(self, u: Array) -> Array:
+        """(n, 6, U) derivatives of the residuals."""
+        rows, step, n = self._rows(u), steps_of(self.space), len(self.pushes)
+        wanted = np.union1d(self.places, self.own)
+        moved = [rows + sign * step[p] * np.eye(len(step))[p] for p in wanted for sign in (1, -1)]
+        out = self._residual(self.predict(self.pushes.repeated(len(moved)), np.concatenate(moved)), len(moved))
+        out = out.reshape(len(wanted), 2, n, N_WRENCH)
+        slope = np.zeros((n, N_WRENCH, len(step)))
+        slope[..., wanted] = np.moveaxis((out[:, 0] - out[:, 1]) / (2 * step[wanted, None, None]), 0, -1)
+        own = np.zeros((n, N_WRENCH, self.n_grasps, len(self.own)))
+        own[np.arange(n), :, self.grasp] = slope[..., self.own]
+        return np.concatenate([slope[..., self.places], own.reshape(n, N_WRENCH, -1)], -1)
+
+    def curvature(self, slope: Array, weights: Array) -> Array:
+        """(U, U) of the loss, as Gauss and Newton have it."""
+        flat = (slope * np.sqrt(weights)[:, None, None]).reshape(-1, slope.shape[-1])
+        return flat.T @ flat + np.diag(self.precision)
+
+    def solve(self, iterations: int) -> Solution:
+        """The most probable unknowns, from zero."""
+        u = np.zeros(len(self.precision))
+        residual = self.residual(u)
+        loss, damping, gained = self.loss(u, residual), 1e-3, np.inf
+        for _ in range(iterations):
+            slope, weights = self.jacobian(u), self.weights(residual)
+            curvature = self.curvature(slope, weights)
+            gradient = np.einsum("nki,n,nk->i", slope, weights, residual, optimize=True) + self.precision * u
+            if gained < ENOUGH:
+                break
+            gained = 0.0
+            while damping < MOST_DAMPING:
+                step = np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), -gradient)
+                new = self.residual(u + step)
+                new_loss = self.loss(u + step, new)
+                if np.isfinite(new_loss) and new_loss <= loss:
+                    gained, u, residual, loss = loss - new_loss, u + step, new, new_loss
+                    damping /= 10
+                    break
+                damping = max(10 * damping, 1e-2)
+        return Solution(u, loss, residual, slope, np.asarray(np.linalg.inv(curvature), np.float64))
+
+
+class Solution(NamedTuple):
+    """Of a `Problem`."""
+
+    u: Array  # (U)
+    loss: float
+    residual: Array  # (n, 6) in standard deviations
+    slope: Array  # (n, 6, U) about there
+    covariance: Array  # (U, U)
+
+
+def fit(
+    predict: Predict,
+    pushes: Pushes,
+    prior: Prior | None = None,
+    errors: Errors | None = None,
+    free: Mask | None = None,
+    noise: Array | None = None,
+    iterations: int = 12,
+) -> Fit:
+    """The most probable theta of pushes; entries that are not `free` (P) stay zero, with no variance.
+
+    noise: as `Problem` has it.
+    """
+    prior, errors = prior or Prior(), errors or Errors()
+    problem = Problem(predict, pushes, prior, errors, free, noise=noise)
+    found = problem.solve(iterations)
+    theta, deviations = problem.split(found.u)
+    covariance, m = np.zeros((len(theta), len(theta))), len(problem.places)
+    biased = variances_of(problem.space, errors.bias)[problem.places]
+    covariance[np.ix_(problem.places, problem.places)] = _widened(
+        found.covariance[:m, :m], problem.precision[:m], biased
+    )
+    occam = 0.5 * (np.linalg.slogdet(found.covariance)[1] + np.log(problem.precision).sum())
+    weights = problem.weights(found.residual)
+    return Fit(theta, covariance, deviations, found.loss, weights, float(occam - found.loss))
+
+
+def variances_of(space: Theta, bias: Mapping[str, float]) -> Array:
+    """(P) of a bias."""
+    return np.array([bias.get(p.kind, 0.0) ** 2 for p in space.parameters])
+
+
+def _widened(covariance: Array, precision: Array, bias: Array) -> Array:
+    """Covariance (m, m) of a posterior whose data are off by a bias with variances (m); the prior's precision (m).
+
+    The data's own information is what the posterior's has beyond the prior's.
+    """
+    values, vectors = np.linalg.eigh(np.linalg.inv(covariance) - np.diag(precision))
+    half = vectors * np.sqrt(np.maximum(values, 0.0))  # (m, m) half half^T is the data's information
+    # (D^-1 + B)^-1 = H (I + H^T B H)^-1 H^T with D = H H^T, which needs no inverse of D
+    inner = np.eye(len(values)) + half.T @ (bias[:, None] * half)
+    return np.asarray(np.linalg.inv(np.diag(precision) + half @ np.linalg.solve(inner, half.T)), np.float64)
+
+
+def estimate_errors(
+    predict: Predict, pushes: Pushes, theta: Array, hands: NDArray | None = None, rounds: int = 6
+) -> Errors:
+    """How wrong a model is, from pushes of hands whose theta (n, P) is known and of which it has seen none.
+
+    By expectation and maximisation. hands: number (n) of each push's hand; where there are grasps enough of one hand,
+    the bias is found from them too.
+    """
+    errors, none = Errors(), np.zeros(theta.shape[1], bool)
+    chosen = np.random.default_rng(0).permutation(np.unique(pushes.grasp_id))[:MOST_GRASPS]
+    grasps = [np.flatnonzero(pushes.grasp_id == g) for g in chosen]
+    for _ in range(rounds):
+        deviation, own, squares = [], [], []
+        for rows in grasps:
+            problem = Problem(predict, pushes.take(rows), Prior(), errors, none, theta[rows])
+            found = problem.solve(6)
+            deviation.append(found.u**2 + np.diag(found.covariance))
+            spread = np.einsum("nki,ij,nkj->n", found.slope, found.covariance, found.slope, optimize=True)
+            square = (found.residual**2).sum(1)
+            own.append(problem.weights(found.residual) * (square + spread))
+            squares.append(square + spread)
+        grown = np.sqrt(np.concatenate(own).mean() / N_WRENCH)
+        errors = replace(
+            errors,
+            relative=float(max(errors.relative * grown, 0.1 * Errors().relative)),
+            deviation=float(max(np.sqrt(np.mean(deviation)), 0.1 * Errors().deviation)),
+            freedom=_freedom(np.concatenate(squares) / grown**2),
+        )
+    return errors if hands is None else replace(errors, bias=_bias(predict, pushes, theta, hands, errors))
+
+
+def _bias(predict: Predict, pushes: Pushes, theta: Array, hands: NDArray, errors: Errors) -> dict[str, float]:
+    """The bias with which 90 % intervals of each kind of factors hold 90 %, fitted to `BIAS_PUSHES`."""
+    rng, off, sure = np.random.default_rng(0), [], replace(errors, bias={})
+    space = Theta(pushes.hand)
+    free = np.arange(len(space)) < space.factors
+    precision, covariances = Prior().sd(space)[free] ** -2, []
+    for hand in np.unique(hands):
+        own = np.flatnonzero(hands == hand)
+        for count, of in (budget for budget in BIAS_PUSHES for _ in range(BIAS_DRAWS)):
+            grasps = rng.permutation(np.unique(pushes.grasp_id[own]))[:of]
+            rows = rng.permutation(own[np.isin(pushes.grasp_id[own], grasps)])[:count]
+            found = fit(predict, pushes.take(rows), None, sure, free)
+            off.append(np.abs(found.theta - theta[own[0]])[free])
+            covariances.append(found.covariance[np.ix_(free, free)])
+    kinds = np.array([p.kind for p in space.parameters])[free]
+    bias = dict.fromkeys(kinds.tolist(), 0.0)
+
+    def held(kind: str, value: float) -> float:
+        variances = variances_of(space, bias | {kind: value})[free]
+        sds = np.sqrt([np.diag(_widened(c, precision, variances)) for c in covariances])
+        return float((np.array(off) <= Z90 * sds)[:, kinds == kind].mean())
+
+    for _ in range(BIAS_SWEEPS):
+        for kind in bias:
+            low, high = 0.0, MOST_BIAS
+            for _ in range(8):
+                middle = 0.5 * (low + high)
+                low, high = (middle, high) if held(kind, middle) < HELD else (low, middle)
+            bias[kind] = high
+    return bias
+
+
+def _freedom(squares: Array) -> float:
+    """Degrees of freedom of Student's t that squared lengths (n) of 6 components are most likely under."""
+
+    def likelihood(nu: float) -> float:
+        size = len(squares) * (lgamma((nu + N_WRENCH) / 2) - lgamma(nu / 2) - N_WRENCH / 2 * np.log(nu))
+        return float(size - 0.5 * (nu + N_WRENCH) * np.log1p(squares / nu).sum())
+
+    return float(max(FREEDOMS, key=likelihood))

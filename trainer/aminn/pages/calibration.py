@@ -1,0 +1,97 @@
+"""The page of a calibration: theta with its uncertainty, and the errors of pushes before and after."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from aminn_base.read import AnyPath
+
+from ..calibration.calibrate import Calibration
+from ..calibration.fit import Z90
+from .report import new_figure, picture, tidy, write_page
+
+BLUE, GREY = "#1f5fa8", "#9a9a9a"
+
+
+def theta_figure(found: Calibration) -> Figure:
+    """Every parameter with its interval, over that of the prior; a panel a unit."""
+    kinds = {"1": "factor on nominal", "rad": "joint zero, deg", "m": "tip radius, mm"}
+    scale = {"1": 1.0, "rad": 180 / math.pi, "m": 1e3}
+    parameters, prior, sd = found.space.parameters, found.prior.sd(found.space), found.fit.sd
+    units = list(dict.fromkeys(p.unit for p in parameters))
+    counts = [sum(p.unit == unit for p in parameters) for unit in units]
+    figure = new_figure(8.6, 0.9 * len(units) + 0.2 * len(parameters))
+    axes = figure.subplots(len(units), 1, height_ratios=counts, squeeze=False)[:, 0]
+    for ax, unit in zip(axes, units, strict=True):
+        own = [i for i, p in enumerate(parameters) if p.unit == unit]
+        for row, i in enumerate(own):
+            colour = GREY if parameters[i].name in found.undetermined else BLUE
+            _interval(ax, row, 0.0, scale[unit] * Z90 * prior[i], "#e3e3e3", 7)
+            _interval(ax, row, scale[unit] * found.theta[i], scale[unit] * Z90 * sd[i], colour, 2)
+            ax.plot(scale[unit] * found.theta[i], row, "o", color=colour, markersize=5)
+        ax.set_yticks(range(len(own)), [parameters[i].name for i in own])
+        ax.set_ylim(len(own) - 0.5, -0.5)
+        tidy(ax, kinds[unit], "")
+        if unit == "1":
+            factors = np.array([0.4, 0.5, 0.7, 1.0, 1.4, 2.0, 2.5])
+            ax.set_xticks(np.log(factors), [f"{f:g}" for f in factors])
+    return figure
+
+
+def _interval(ax: Axes, row: int, middle: float, half: float, colour: str, width: float) -> None:
+    ax.plot([middle - half, middle + half], [row, row], color=colour, linewidth=width, solid_capstyle="butt")
+
+
+def error_figure(found: Calibration) -> Figure:
+    """Errors of the held-out pushes before and after, each push a point; and what each push counted."""
+    figure = new_figure(8.6, 3.8)
+    left, right = figure.subplots(1, 2)
+    before, after = (100 * e for e in (found.held_out.before, found.held_out.after))
+    low, high = 0.8 * min(before.min(), after.min()), 1.25 * max(before.max(), after.max())
+    left.plot([low, high], [low, high], color="#111111", linewidth=0.9)
+    grasps = found.pushes.grasps
+    for g in range(grasps.max() + 1):
+        left.plot(before[grasps == g], after[grasps == g], "o", markersize=5, alpha=0.8)
+    left.set_xscale("log")
+    left.set_yscale("log")
+    tidy(left, "error before, % of the motion", "after", "held-out pushes, a colour a grasp")
+    right.bar(range(len(grasps)), found.fit.weights, color=BLUE)
+    tidy(right, "push", "weight", "what each push counted: a slip about 0")
+    return figure
+
+
+def write_calibration_page(found: Calibration, out: AnyPath) -> None:
+    """Write the page, one file of its own."""
+    sd, prior, out_of = found.fit.sd, found.prior.sd(found.space), found.undetermined
+    rows: list[dict[str, Any]] = []
+    for i, p in enumerate(found.space.parameters):
+        value = f"x {math.exp(found.theta[i]):.3f}" if p.unit == "1" else f"{found.theta[i]:+.5f} {p.unit}"
+        cells = [p.name, value, f"{found.theta[i]:+.4f}", f"{sd[i]:.4f}", f"{prior[i]:.4f}", ", ".join(p.parts)]
+        rows.append({"cells": cells, "open": p.name in out_of})
+    held_out = found.held_out
+
+    def text(errors: np.ndarray) -> str:
+        return f"{np.median(errors):.1%} median, {np.quantile(errors, 0.9):.1%} p90"
+
+    summary = [
+        ("pushes, grasps", f"{len(found.pushes)}, {found.pushes.grasps.max() + 1}"),
+        (f"error of the displacement before, each {held_out.by} left out in turn", text(held_out.before)),
+        ("after", text(held_out.after)),
+        ("parameters that the pushes do not determine", f"{len(out_of)} of {len(found.space)}"),
+        ("mistakes in the data", "; ".join(m.mistake.detail for m in found.mistakes) or "none seen"),
+    ]
+    caption = "Points and lines: theta with 90 % intervals. Wide grey: the prior's. Narrow grey: not determined."
+    pictures = [
+        picture("Theta", caption, theta_figure(found)),
+        picture("Errors", "Below the line a push is predicted better than before.", error_figure(found)),
+    ]
+    headings = ("parameter", "value", "theta", "sd", "sd of the prior", "parts")
+    write_page(
+        "calibration.html.j2", out, hand=found.pushes.hand.name, summary=summary, pictures=pictures, rows=rows,
+        headings=headings,
+    )  # fmt: skip
