@@ -11,8 +11,10 @@ import pytest
 # The made-up hand and its grasps are those of the trainer's tests.
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "trainer"))
 
+from lab import simulate_pushes
 from synthetic import draw_inputs, draw_wrench, hand, true_stiffness
 
+from aminn.data.dataset import Dataset, load_dataset
 from aminn_hand import Hand
 from aminn_table.columns import Arrays
 
@@ -40,3 +42,13 @@ def pushes(lab_hand: Hand) -> Arrays:
             rows.append(state | {"w_e": w, "dx_ht": np.linalg.solve(stiffness, w), "grasp_id": grasp, "time_s": time})
     arrays = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
     return arrays | {"stable": np.ones(len(rows), np.uint8)}
+
+
+@pytest.fixture(scope="session")
+def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return simulate_pushes(tmp_path_factory.mktemp("lab") / "simulated")
+
+
+@pytest.fixture(scope="session")
+def truth(simulated: Path) -> Dataset:
+    return load_dataset(simulated)

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
-from lab import as_measured, simulate_pushes, write_tables
-from record import messages, record
+from lab import as_measured, write_tables
+from record import Message, messages, record, wrench
 from test_bags import map_text
 
 from aminn.data.dataset import Dataset, load_dataset
@@ -20,11 +20,13 @@ from aminn.evaluation.evaluate import learned
 from aminn.model.checkpoint import load_checkpoint
 from aminn_app.cli import main
 from aminn_base.errors import AminnError
+from aminn_hand.hand import rotation
 from aminn_hand.theta import Theta
 from aminn_sim.open_hand import default_hand_file
-from aminn_table import read_table, write_table
+from aminn_table import read_map, read_table, write_table
 from aminn_table.columns import LABELLED, Arrays
 from aminn_table.fallbacks import NO_FORCES, NO_NORMALS, NO_POINTS, NO_SHAPE, PINCH_N, TRAINED_FORCES
+from aminn_table.mapping import Pose
 
 
 def aminn(*words: object, code: int = 0) -> Result:
@@ -32,16 +34,6 @@ def aminn(*words: object, code: int = 0) -> Result:
     done = CliRunner().invoke(main, [str(word) for word in words])
     assert done.exit_code == code, f"{done.output}{done.stderr}"
     return done
-
-
-@pytest.fixture(scope="session")
-def simulated(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return simulate_pushes(tmp_path_factory.mktemp("lab") / "simulated")
-
-
-@pytest.fixture(scope="session")
-def truth(simulated: Path) -> Dataset:
-    return load_dataset(simulated)
 
 
 @pytest.fixture(scope="session")
@@ -283,3 +275,28 @@ def test_what_only_a_simulator_knows_is_refused_by_name(own: Path, own_run: Path
     prediction = learned(load_checkpoint(own_run), data, "aminn")
     assert gate_figures(prediction, data) == {}
     assert "load0" in breakdown(prediction, data)
+
+
+def test_the_pages_map_reads_a_bag(truth: Dataset, simulated: Path, tmp_path: Path) -> None:
+    """A force sensor beside the hand that tells what the tool answers, and the weight of what hangs on it."""
+    page = (Path(__file__).resolve().parents[2] / "docs" / "own-data.md").read_text()
+    block = page.split("Save as `build/own/map.toml`:\n\n")[1].split("\n\nThen ")[0]
+    (tmp_path / "map.toml").write_text("\n".join(line[4:] for line in block.split("\n")))
+    told = read_map(tmp_path / "map.toml").frames["ft_sensor"]
+    sensor = Pose(rotation(np.array(told.rotation_rad)), np.array(told.position_m))
+    arrays = as_measured(truth)
+
+    def change(every: list[Message]) -> None:
+        places = [i for i, m in enumerate(every) if m.topic == "/wrench"]
+        for n, i in enumerate(places):
+            w = every[i].value.wrench
+            force, moment = (np.array([v.x, v.y, v.z]) for v in (w.force, w.torque))
+            moment = moment + np.cross(arrays["x_ht"][n // 3, :3] - sensor.origin, force)
+            answer = -np.concatenate([sensor.turn.T @ force, sensor.turn.T @ moment])
+            every[i] = wrench(every[i].stamp, answer + np.array([0.3, 0, -2.0, 0, 0.01, 0]), "ft_sensor")
+
+    bag = record(tmp_path / "bag", "MCAP", messages(truth.hand, arrays), change)
+    aminn("import", bag, "--like", simulated, "--map", tmp_path / "map.toml", "--out", tmp_path / "data")
+    data = load_dataset(tmp_path / "data")
+    for name in ("q", "x_ht", "w_e", "contacts", "grasp_id", "stable"):
+        np.testing.assert_allclose(data.samples[name], arrays[name], atol=1e-12, err_msg=name)

@@ -13,9 +13,11 @@ import pytest
 
 from aminn_base.errors import AminnError
 from aminn_hand import Hand
-from aminn_table import FORMATS, Map, TableError, check, columns_of, complete, read_table, write_table
+from aminn_hand.hand import rotation
+from aminn_table import FORMATS, Map, TableError, check, columns_of, complete, read_map, read_table, write_table
 from aminn_table.columns import LABELLED, PUSH, Arrays, shapes_of
 from aminn_table.fallbacks import NO_FORCES, NO_NORMALS, NO_POINTS, NO_SHAPE, PINCH_N
+from aminn_table.mapping import Pose, product, quaternion_of, rotation_vector
 
 Change = Callable[[Arrays], object]
 
@@ -246,3 +248,68 @@ def test_normals_follow_from_round_fingertips(lab_hand: Hand, pushes: Arrays) ->
     full, notes = complete(lab_hand, pushes | {"contacts": without})
     assert notes == (NO_NORMALS,)
     np.testing.assert_allclose(full["contacts"], contacts, atol=1e-9)
+
+
+def mapped(folder: Path, text: str) -> Map:
+    (folder / "map.toml").write_text(text)
+    return read_map(folder / "map.toml")
+
+
+def test_a_map_gives_other_names_units_and_signs(lab_hand: Hand, pushes: Arrays, tmp_path: Path) -> None:
+    edit = lambda lines: [lines[0], lines[1].replace("w_e_fx", "Fx").replace(",x_ht_x", ",px"), *lines[2:]]  # noqa: E731
+    other = {name: values.copy() for name, values in pushes.items()}
+    other["w_e"][:, 0] *= -1e-3
+    other["x_ht"][:, 0] *= 1e3
+    file = csv_of(lab_hand, other, tmp_path / "pushes.csv", edit)
+    by = '[columns]\nw_e_fx = { column = "Fx", unit = "kN", sign = -1 }\nx_ht_x = { column = "px", unit = "mm" }\n'
+    read = read_table(file, lab_hand, LABELLED, mapped(tmp_path, by))
+    for name, values in pushes.items():
+        np.testing.assert_allclose(read[name], values, rtol=1e-12, err_msg=name)
+
+
+MAP_FAULTS = {
+    "column": ('[columns]\nw_e_fx = "Fx"\n', "Fx is missing, which is to be w_e_fx"),
+    "target": (
+        '[columns]\nw_e_f = "w_e_fx"\n',
+        "the map has columns.w_e_f, which is no column of a table of hand synthetic",
+    ),
+    "unit": ('[columns]\nw_e_fx = { column = "w_e_fx", unit = "mm" }\n', "the map has w_e_fx in mm, and its unit is N"),
+    "unknown unit": (
+        '[columns]\nw_e_fx = { column = "w_e_fx", unit = "lbf" }\n',
+        "columns.w_e_fx.unit is 'lbf'; there are",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MAP_FAULTS)
+def test_maps_that_do_not_fit_a_table_are_refused(name: str, lab_hand: Hand, pushes: Arrays, tmp_path: Path) -> None:
+    by, text = MAP_FAULTS[name]
+    write_table(tmp_path / "pushes.h5", lab_hand, pushes)
+    with pytest.raises(AminnError) as error:
+        read_table(tmp_path / "pushes.h5", lab_hand, LABELLED, mapped(tmp_path, by))
+    assert text in str(error.value)
+
+
+def test_frames_that_a_file_names_are_turned_by_the_map(lab_hand: Hand, pushes: Arrays, tmp_path: Path) -> None:
+    """A wrench in the tool's axes, the rest in those of a table that the hand stands beside."""
+    bench = Pose(rotation(np.array([0.1, 0.9, -0.4])), np.array([0.3, -0.1, 0.2]))
+    other = {name: values.copy() for name, values in pushes.items()}
+    turn = np.array([-0.1, -0.9, 0.4])
+    for k, x in enumerate(pushes["x_ht"]):
+        own = rotation(x[3:])
+        other["w_e"][k] = np.concatenate([own.T @ pushes["w_e"][k, :3], own.T @ pushes["w_e"][k, 3:]])
+        other["dx_ht"][k] = np.concatenate([bench.turn.T @ pushes["dx_ht"][k, i : i + 3] for i in (0, 3)])
+        rest = rotation_vector(product(quaternion_of(turn), quaternion_of(x[3:])))
+        other["x_ht"][k] = np.concatenate([bench.turn.T @ (x[:3] - bench.origin), rest])
+        for c in other["contacts"][k]:
+            c[1:4], c[4:7] = bench.turn.T @ (c[1:4] - bench.origin), bench.turn.T @ c[4:7]
+    write_table(tmp_path / "pushes.csv", lab_hand, other)
+    lines = (tmp_path / "pushes.csv").read_text().splitlines()[1:]
+    (tmp_path / "pushes.csv").write_text("\n".join(["# frame = bench", "# frame.w_e = grip", *lines]))
+    text = "[frames.bench]\nposition_m = [0.3, -0.1, 0.2]\nrotation_rad = [0.1, 0.9, -0.4]\n"
+    text += '[frames.grip]\nparent = "tool"\n'
+    read = read_table(tmp_path / "pushes.csv", lab_hand, LABELLED, mapped(tmp_path, text))
+    for name, values in pushes.items():
+        np.testing.assert_allclose(read[name], values, atol=1e-12, err_msg=name)
+    with pytest.raises(TableError, match="w_e is stated in frame 'grip'"):
+        read_table(tmp_path / "pushes.csv", lab_hand, LABELLED, mapped(tmp_path, text.split("[frames.grip]")[0]))

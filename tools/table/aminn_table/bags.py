@@ -6,6 +6,7 @@ Every message of the mapped topics is looked at; each fault is named by topic an
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
@@ -65,12 +66,23 @@ class _Stream:
     """Type that its messages must have."""
     frame: str | None = None
     """frame_id that their headers must have."""
-    numbers: list[int] = field(default_factory=list)
-    stamps: list[int] = field(default_factory=list)
-    rows: list[Sequence[float]] = field(default_factory=list)
+    numbers: array[int] = field(default_factory=lambda: array("q"))
+    stamps: array[int] = field(default_factory=lambda: array("q"))
+    numerals: array[float] = field(default_factory=lambda: array("d"))
+
+    def take(self, number: int, stamp: int, row: Sequence[float]) -> None:
+        """Keep the row of one message."""
+        self.numbers.append(number)
+        self.stamps.append(stamp)
+        self.numerals.extend(row)
 
     def times(self) -> NDArray[np.int64]:
+        """(n) ns."""
         return np.array(self.stamps, np.int64)
+
+    def table(self) -> Array:
+        """(n, numbers of a row)"""
+        return np.array(self.numerals, float).reshape(len(self.stamps), -1)
 
 
 def is_bag(path: AnyPath) -> bool:
@@ -314,9 +326,7 @@ def _read(path: Path, streams: list[_Stream], by: Map) -> None:
                     except _Bad as bad:
                         faults.add(topic, number, str(bad).split(" is ")[0].split(" has ")[0], str(bad))
                         continue
-                    stream.numbers.append(number)
-                    stream.stamps.append(stamp)
-                    stream.rows.append(row)
+                    stream.take(number, stamp, row)
     except (AnyReaderError, ReaderError, OSError, KeyError, ValueError, AssertionError, RuntimeError) as error:
         text = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         raise AminnError(f"{path}: not a readable ROS 2 bag ({text}); record it again, or convert it") from error
@@ -396,7 +406,7 @@ def _marked(path: Path, marks: _Stream) -> _Pushes:
     """Pairs of marks: before, then under or lost. Raises TableError for others."""
     faults, pairs = _Faults(), list[tuple[int, int, float, int, bool]]()
     begun: tuple[int, int, float] | None = None
-    for number, stamp, (phase, grasp) in zip(marks.numbers, marks.stamps, marks.rows, strict=True):
+    for number, stamp, (phase, grasp) in zip(marks.numbers, marks.stamps, marks.table().tolist(), strict=True):
         if phase == BEFORE:
             if begun is not None:
                 faults.add(
@@ -424,7 +434,7 @@ def _marked(path: Path, marks: _Stream) -> _Pushes:
 
 def _loaded(load: _Stream, by: Map) -> _Pushes:
     """Stretches of the load's force above a bound, until it is below another one."""
-    force = np.linalg.norm(np.array(load.rows)[:, :3], axis=1)
+    force = np.linalg.norm(load.table()[:, :3], axis=1)
     stamps, settle = load.times(), round(1e9 * by.pushes.settle_s)
     spans, start = [], None
     low = -1
@@ -484,7 +494,7 @@ def _columns(path: Path, hand: Hand, by: Map, streams: dict[str, _Stream], pushe
                 name,
                 f"has no message of {stream.topic} within {by.clock.tolerance_s:g} s; the nearest is {gap:.3g} s away",
             )
-        values = np.array(stream.rows, float)
+        values = stream.table()
         return np.stack([mean(values[span]) for span in spans])
 
     q = rows("joints", pushes.before, _mean)
@@ -533,7 +543,7 @@ def _held_values(stream: _Stream, pushes: _Pushes, faults: _Faults) -> Array:
     at = np.searchsorted(stream.times(), pushes.before, "right") - 1
     for k in np.flatnonzero(at < 0).tolist():
         faults.add(pushes.topic, int(pushes.numbers[k]), "grasp", f"stands before the first message of {stream.topic}")
-    return np.array(stream.rows, float)[np.maximum(at, 0), 0]
+    return np.asarray(stream.table()[np.maximum(at, 0), 0])
 
 
 def _mean(values: Array) -> Array:

@@ -1,0 +1,50 @@
+"""docs/own-data.md to the letter: its table of columns is the code's, its example runs, its map reads a bag."""
+
+from __future__ import annotations
+
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from test_your_hand import commands, files
+
+from aminn_table.columns import markdown
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGE = (ROOT / "docs" / "own-data.md").read_text()
+START, END = "<!-- table: columns -->\n", "\n<!-- end of table -->"
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder that looks like the checkout to the page's commands."""
+    folder = tmp_path_factory.mktemp("own")
+    (folder / ".venv").symlink_to(Path(sys.prefix))
+    (folder / "build").mkdir()
+    (folder / "build" / "host").symlink_to(ROOT / "build" / "host")
+    for name, text in files(PAGE).items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text)
+    return folder
+
+
+def test_the_columns_are_those_of_the_code() -> None:
+    assert PAGE.split(START)[1].split(END)[0] == markdown()
+
+
+def test_the_page_leads_from_a_table_to_a_verified_model(place: Path) -> None:
+    lines = commands(PAGE)
+    assert [Path(line.split()[0]).name + " " + line.split()[1] for line in lines[2:5]] == [
+        "aminn simulate",
+        "python build/own/lab.py",
+        "aminn import",
+    ]
+    for line in lines:
+        done = subprocess.run(shlex.split(line), cwd=place, capture_output=True, text=True)
+        assert done.returncode == 0, f"{line}\n{done.stdout}{done.stderr}"
+        if " import " in line:
+            assert "no contact normals" in done.stdout and "180 pushes of 30 grasps" in done.stdout
+        if "--split all" in line:
+            assert "no measured push is known to it" in done.stdout
