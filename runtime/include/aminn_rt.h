@@ -146,12 +146,15 @@ typedef char aminn_compile_without_fpack_struct[sizeof(struct aminn_layout) == 2
 #define AMINN_VERSION_STRING "0.1.0"
 
 /* Version of the model's layout, in memory and as a blob. A model of another version is refused. */
-#define AMINN_FORMAT_VERSION 7u
+#define AMINN_FORMAT_VERSION 8u
 
 /* ---- Dimensions ------------------------------------------------------------------------------------------------ */
 
-/* AMINN_N_BRANCH, AMINN_N_COORD, AMINN_N_JOINT, AMINN_N_GATED and AMINN_N_TWIST are the hand's (aminn_hand.h). In comments B,
- * C and J stand for the first three. */
+/* AMINN_N_BRANCH, AMINN_N_COORD, AMINN_N_JOINT, AMINN_N_GATED, AMINN_N_TWIST and AMINN_N_STIFF are the hand's (aminn_hand.h).
+ * In comments B, C and J stand for the first three, S for the last. */
+#ifndef AMINN_N_STIFF
+#error "aminn_hand.h is of an earlier version: export the model again, which writes it"
+#endif
 #ifndef AMINN_N_TWIST
 #define AMINN_N_TWIST 0 /* contacts are points: none resists twisting */
 #endif
@@ -178,13 +181,22 @@ typedef char aminn_compile_without_fpack_struct[sizeof(struct aminn_layout) == 2
 #define AMINN_N_INPUT (AMINN_N_STATE + AMINN_N_BRANCH * 3 * (AMINN_N_WRENCH + AMINN_N_COORD))         /* 125 */
 #define AMINN_N_OUTPUT (1 + AMINN_N_WRENCH + AMINN_N_WRENCH * AMINN_N_WRENCH + AMINN_N_BRANCH)        /* 46 */
 
+/* Theta: by how much one hand differs from its description (aminn_calibration_t). First F factors: on stiffnesses, and on the
+ * compliance of each branch's contact. A told model sees these, at the end of its global input. */
+#define AMINN_N_FACTOR (AMINN_N_STIFF + AMINN_N_BRANCH)    /* 13 */
+#define AMINN_N_THETA (AMINN_N_FACTOR + AMINN_N_JOINT + 1) /* 22 */
+#define AMINN_N_TERM (AMINN_N_CHOLESKY + 1) /* 7: of a branch what a stiffness adds to springs and gain */
+#define AMINN_N_TOLD_INPUT (AMINN_N_GLOBAL_INPUT + AMINN_N_FACTOR) /* 39 */
+#define AMINN_N_LAST_INPUT (AMINN_N_CONTACT_INPUT > AMINN_N_TOLD_INPUT ? AMINN_N_CONTACT_INPUT : AMINN_N_TOLD_INPUT)
+
 /* The hand that the library is compiled for, as a symbol whose name tells the counts: a C model asks for that of its hand,
  * and where the library is compiled for another the linker says which one is missing. Two libraries in one program define the
  * same functions. */
-#define AMINN_JOINED(b, c, j, g, t) \
-    aminn_library_of_##b##_branches_##c##_coordinates_##j##_joints_##g##_gated_##t##_twisted
-#define AMINN_LIBRARY_OF(b, c, j, g, t) AMINN_JOINED(b, c, j, g, t)
-#define AMINN_LIBRARY AMINN_LIBRARY_OF(AMINN_N_BRANCH, AMINN_N_COORD, AMINN_N_JOINT, AMINN_N_GATED, AMINN_N_TWIST)
+#define AMINN_JOINED(b, c, j, g, t, s) \
+    aminn_library_of_##b##_branches_##c##_coordinates_##j##_joints_##g##_gated_##t##_twisted_##s##_stiff
+#define AMINN_LIBRARY_OF(b, c, j, g, t, s) AMINN_JOINED(b, c, j, g, t, s)
+#define AMINN_LIBRARY \
+    AMINN_LIBRARY_OF(AMINN_N_BRANCH, AMINN_N_COORD, AMINN_N_JOINT, AMINN_N_GATED, AMINN_N_TWIST, AMINN_N_STIFF)
 extern const char AMINN_LIBRARY[];
 
 /* Largest contact_width, width and classifier_width that a context has room for. Define it before the library and its
@@ -221,7 +233,8 @@ extern const char AMINN_LIBRARY[];
     X(AMINN_E_FLUSH, -20, "subnormal numbers are flushed to zero: clear FPSCR.FZ, or MXCSR.FTZ and DAZ")              \
     X(AMINN_E_CONTRACTED, -21, "products and sums are fused: compile the library with -ffp-contract=off")             \
     X(AMINN_E_FAST_MATH, -22, "arithmetic is reordered or approximated: compile without -ffast-math and its parts")   \
-    X(AMINN_E_KNOWN_ANSWER, -23, "the library computes other bits than it must: miscompiled, or memory is damaged")
+    X(AMINN_E_KNOWN_ANSWER, -23, "the library computes other bits than it must: miscompiled, or memory is damaged")   \
+    X(AMINN_E_CALIBRATION, -24, "theta is beyond its bounds, or the calibration was not set for the context's model")
 
 /* clang-format on */
 
@@ -241,25 +254,34 @@ typedef enum aminn_status { AMINN_STATUS_LIST(AMINN_STATUS_ENUM) AMINN_STATUS_WI
 #define AMINN_WEIGHTS_FLOAT32 0u /* float */
 #define AMINN_WEIGHTS_FLOAT16 1u /* uint16_t that holds an IEEE binary16: half the flash, same arithmetic in float */
 
+/* Tables that theta changes: a model's own are of the nominal hand, a calibration's of one hand. */
+typedef struct aminn_varied {
+    const float *chol;        /* (B x CHOLESKY)  springs, Cholesky factor 00 11 22 .. 10 20 21 .. of K_b, N.m/rad */
+    const float *tendon_gain; /* (B)             N.m/rad, >= 0; 0: the branch has no gated tendon; null without gates */
+    const float *twist;       /* (B)             N.m/rad, > 0: of soft fingertips; null without */
+    const float *told;        /* (n_told)        logarithms of factors that networks see; null unless told */
+    const float *eps_m[AMINN_N_STAGE]; /* (B)             isotropic contact compliance of each stage, m/N, > 0 */
+} aminn_varied_t;
+
 /* Tables and constants of one stage. Widths: HC contact_width, H width. Lengths of the reference hand are in brackets.
  * Weights are stored [input][output], so that the product is a sum of contiguous rows. Every pointer is to read-only tables,
  * normally in flash, aligned to 4 bytes. */
 typedef struct aminn_stage_model {
     float eps_kx;                 /* added stiffness, N/m and N.m/rad, > 0 */
     float eps_jq;                 /* regularisation of j_q in AMINN_DQ0_INVERSE, m/rad, >= 0 */
-    const float *eps_m;           /* (B)                          isotropic contact compliance, m/N, > 0 */
     const float *contact_mean;    /* (CONTACT_INPUT) [51]         normalisation of the contact input */
     const float *contact_inv_std; /* (CONTACT_INPUT) */
-    const float *global_mean;     /* (GLOBAL_INPUT) [26]          normalisation of q, x_ht, w_e, signed log of w_e */
-    const float *global_inv_std;  /* (GLOBAL_INPUT) */
-    const void *contact_w;        /* (CONTACT_INPUT x HC)         contact summary */
-    const float *contact_b;       /* (HC) */
-    const void *trunk1_w;         /* (HC + GLOBAL_INPUT x H)      input: contact summary, then global state */
-    const float *trunk1_b;        /* (H) */
-    const void *trunk2_w;         /* (H x H) */
-    const float *trunk2_b;        /* (H) */
-    const void *head_w;           /* (H x HEAD_STORED) [H x 40]   mechanics head: corrections for each branch, zeros */
-    const float *head_b;          /* (HEAD_STORED) */
+    const float *global_mean;     /* (GLOBAL_INPUT) [26]          normalisation of q, x_ht, w_e, signed log of w_e; */
+    const float
+        *global_inv_std;    /* (GLOBAL_INPUT)               of a told model (TOLD_INPUT) [39]: factors behind them */
+    const void *contact_w;  /* (CONTACT_INPUT x HC)         contact summary */
+    const float *contact_b; /* (HC) */
+    const void *trunk1_w;   /* (HC + GLOBAL_INPUT x H)      input: contact summary, then global state, as long */
+    const float *trunk1_b;  /* (H) */
+    const void *trunk2_w;   /* (H x H) */
+    const float *trunk2_b;  /* (H) */
+    const void *head_w;     /* (H x HEAD_STORED) [H x 40]   mechanics head: corrections for each branch, zeros */
+    const float *head_b;    /* (HEAD_STORED) */
 } aminn_stage_model_t;
 
 /* A trained model: constants and pointers to its tables. Written by `aminn export` as C source, or filled in by
@@ -273,6 +295,9 @@ typedef struct aminn_model {
     uint32_t n_contact_feature;
     uint32_t n_wrench;
     uint32_t n_gated;
+    uint32_t n_twist;
+    uint32_t n_stiff;
+    uint32_t n_told;               /* factors that the networks see: AMINN_N_FACTOR of a told model, else 0 */
     uint32_t contact_width;        /* HC, 1 .. AMINN_MAX_WIDTH */
     uint32_t width;                /* H,  1 .. AMINN_MAX_WIDTH */
     uint32_t classifier_width;     /* HD, 1 .. AMINN_MAX_WIDTH */
@@ -285,28 +310,28 @@ typedef struct aminn_model {
     float tau;                     /* the grasp holds if p_stable >= tau, 0 .. 1 */
     uint8_t checkpoint_sha256[32]; /* which model: SHA-256 of the checkpoint it was exported from */
     uint8_t data_sha256[32];       /* trained on which data set: config_sha256 of its manifest; zeros: not known */
-    uint32_t n_twist;              /* AMINN_N_TWIST */
     const char *name;              /* given at export, else the symbol prefix; at most 55 characters, as hand */
     const char *hand;              /* name of the hand, and 8 digits of its constants' SHA-256 */
-    const char *made_by;           /* program and version that exported it, "aminn 0.1.0"; at most 39 characters */
+    const char *made_by;           /* program and version that exported it, "aminn 0.1.0"; at most 31 characters */
     const char *library;           /* AMINN_LIBRARY; null in a model that a blob holds */
+    aminn_varied_t nominal;        /* of the hand as its description has it */
     const float *wrench_log_scale; /* (6)             N, N.m; > 0 */
-    const float *chol_nom;         /* (B x CHOLESKY)  nominal springs, Cholesky factor 00 11 22 .. 10 20 21 .. */
-    const float *tendon_dir_nom;   /* (B x C)         nominal tendon direction; null without gates, as the next two */
-    const float *tendon_gain_nom;  /* (B)             N.m/rad, >= 0; 0: the branch has no gated tendon */
+    const float *tendon_dir_nom;   /* (B x C)         nominal tendon direction; null without gates, as the next */
     const float *gate_nom;         /* (3)             alpha 1/rad, beta rad, rho */
-    const float *twist_nom;        /* (B)             N.m/rad, > 0: of soft fingertips; null without */
-    const float *coord_mask;       /* (B x C)         1 where a branch has the coordinate, else 0: it lacks the first */
-    const float *geom_axis;        /* (B x C x 3)     unit, H: joint axes at q = 0; zeros where absent */
-    const float *geom_anchor;      /* (B x C x 3)     m, H: a point on each axis at q = 0; zeros where absent */
-    const float *range_min;        /* (STATE) [44]    smallest value of each field of aminn_state_t in training, */
-    const float *range_max;        /* (STATE)         and largest; both widened by 5 % of the range */
-    const float *aux_mean;         /* (AUX) [15]      stage 1's classifier: normalisation of what statics gives */
-    const float *aux_inv_std;      /* (AUX) */
-    const void *cls1_w;            /* (H + AUX x HD)  input: trunk's output, then statics */
-    const float *cls1_b;           /* (HD) */
-    const void *cls2_w;            /* (HD) */
-    const float *cls2_b;           /* (1) */
+    const float
+        *theta_terms;        /* (1 + S x B x TERM) [11 x 3 x 7] what the rest, then each stiffness adds to each branch's
+                                      springs (entries of K in the order of chol) and its gated tendon's gain, N.m/rad */
+    const float *coord_mask; /* (B x C)         1 where a branch has the coordinate, else 0: it lacks the first */
+    const float *geom_axis;  /* (B x C x 3)     unit, H: joint axes at q = 0; zeros where absent */
+    const float *geom_anchor; /* (B x C x 3)     m, H: a point on each axis at q = 0; zeros where absent */
+    const float *range_min;   /* (STATE) [44]    smallest value of each field of aminn_state_t in training, */
+    const float *range_max;   /* (STATE)         and largest; both widened by 5 % of the range */
+    const float *aux_mean;    /* (AUX) [15]      stage 1's classifier: normalisation of what statics gives */
+    const float *aux_inv_std; /* (AUX) */
+    const void *cls1_w;       /* (H + AUX x HD)  input: trunk's output, then statics */
+    const float *cls1_b;      /* (HD) */
+    const void *cls2_w;       /* (HD) */
+    const float *cls2_b;      /* (1) */
     const struct aminn_known_answer *known_answer; /* a state, and the bits of its prediction */
     aminn_stage_model_t stage[AMINN_N_STAGE];      /* 0: stage 1, 1: stage 2 */
 } aminn_model_t;
@@ -401,6 +426,32 @@ typedef struct aminn_stage_debug {
     float gate[AMINN_N_BRANCH];                /* tendon engagement, 0 .. 1 */
 } aminn_stage_debug_t;
 
+/* ---- Calibration ----------------------------------------------------------------------------------------------- */
+
+/* Bounds of theta: of the logarithm of a factor, of a joint's zero (rad), of what is added to the tips' radius (m). */
+#define AMINN_MAX_LOG_FACTOR 3.0F
+#define AMINN_MAX_ZERO 1.0F
+#define AMINN_MAX_RADIUS 0.05F
+
+/* By how much a hand differs from its description, and what follows from that for one model. The caller owns it, as a
+ * context. aminn_calibration_set() alone fills it in, where it is to stay: it points into itself, and aminn_calibrate() refuses
+ * one that was moved. aminn_theta_name() has the names of theta; zeros are nominal:
+ *
+ *   S   logarithms of factors on joint springs, servos and tendons; like parts share one
+ *   B   logarithms of factors on the compliance of each branch's contact
+ *   J   offsets of the joints' zeros, rad: true angle minus measured one
+ *   1   radius of the tips beyond that which contacts were computed with, m
+ */
+typedef struct aminn_calibration {
+    aminn_varied_t varied;      /* the arrays below */
+    const aminn_model_t *model; /* that it was set for */
+    float theta[AMINN_N_THETA];
+    float chol[AMINN_N_BRANCH][AMINN_N_CHOLESKY];
+    float tendon_gain[AMINN_N_BRANCH];
+    float twist[AMINN_N_BRANCH];
+    float eps_m[AMINN_N_STAGE][AMINN_N_BRANCH];
+} aminn_calibration_t;
+
 /* ---- Context --------------------------------------------------------------------------------------------------- */
 
 /* Working memory of one predictor. Public only so that its size is a constant: do not read or write its members. */
@@ -408,12 +459,14 @@ typedef struct aminn_context {
     const aminn_model_t *model;
     uint32_t tag; /* set by aminn_init */
     uint32_t flags;
-    uint32_t stages_done; /* bit i: stage[i] holds values of the latest prediction */
+    uint32_t stages_done;         /* bit i: stage[i] holds values of the latest prediction */
+    const aminn_varied_t *varied; /* in use: the model's, or a calibration's */
+    aminn_status_t (*correct)(const aminn_calibration_t *, aminn_state_t *); /* null without a calibration */
     aminn_stage_debug_t stage[AMINN_N_STAGE];
     aminn_input_t input; /* of aminn_predict_state: the state and its closure */
     float contact_input[AMINN_N_CONTACT_INPUT];
     float slog_w[AMINN_N_WRENCH];
-    float layer_in[AMINN_MAX_WIDTH + AMINN_N_CONTACT_INPUT];
+    float layer_in[AMINN_MAX_WIDTH + AMINN_N_LAST_INPUT];
     float layer_out[AMINN_MAX_WIDTH];
     float feature[AMINN_MAX_WIDTH + AMINN_N_AUX];
     float head[AMINN_N_HEAD_STORED];
@@ -457,7 +510,8 @@ static inline aminn_status_t aminn_init(aminn_t *ctx, const aminn_model_t *model
  *     aminn_status_t status = aminn_init(&ctx, &aminn_model, 0);
  *     status = status == AMINN_OK ? aminn_self_test(&ctx) : status;
  *
- *   ctx  initialised context. Its flags stay. What aminn_debug() showed is gone; the context is as after aminn_init().
+ *   ctx  initialised context. Its flags and its calibration stay; the test is of the nominal hand. What aminn_debug() showed
+ *        is gone.
  *
  * Looks at the arithmetic of the very code that predicts, then at the CRC-32 of the model's constants and tables, then
  * predicts from the model's known answer and compares every word of the output and of both stages. Takes as long as a
@@ -487,11 +541,51 @@ aminn_status_t aminn_self_test(aminn_t *ctx);
 aminn_status_t aminn_predict(aminn_t *ctx, const aminn_input_t *in, aminn_output_t *out);
 
 /*
- * Predict, closure Jacobians computed from the hand's geometry in the model (as aminn_closure() does).
+ * Predict, closure Jacobians computed from the hand's geometry in the model (as aminn_closure() does), after the context's
+ * calibration, if it has one, has corrected a copy of the state.
  *
  * Arguments, returned values and outputs after an error as for aminn_predict().
  */
 aminn_status_t aminn_predict_state(aminn_t *ctx, const aminn_state_t *state, aminn_output_t *out);
+
+/*
+ * Fill in a calibration: what follows from theta for a model.
+ *
+ *   cal    written; may be in use by contexts, none of which predicts meanwhile. After an error it is as it was.
+ *   model  checked model, kept by reference: must outlive the calibration.
+ *   theta  AMINN_N_THETA numbers in the order of aminn_theta_name(); null: nominal, as zeros are. Of these come the bits of
+ *          a prediction without a calibration.
+ *
+ * Returns AMINN_OK; AMINN_E_NULL; AMINN_E_NONFINITE; AMINN_E_CALIBRATION where a number is beyond AMINN_MAX_LOG_FACTOR,
+ * AMINN_MAX_ZERO or AMINN_MAX_RADIUS, either way; AMINN_E_MODEL where the model's springs do not hold with theta: its
+ * theta_terms are not those of its springs. Takes about a sixth of a prediction.
+ */
+aminn_status_t aminn_calibration_set(aminn_calibration_t *cal, const aminn_model_t *model,
+                                     const float theta[AMINN_N_THETA]);
+
+/*
+ * Predict for the hand that a calibration describes.
+ *
+ *   ctx  initialised context.
+ *   cal  set for the model of ctx, kept by reference: must outlive its use, and what aminn_calibration_set() makes of it later
+ *        counts from the next prediction on. Null: nominal again, as after aminn_init().
+ *
+ * From then on the layer's springs, tendons and contacts are the calibration's, a told model's networks see its factors, and
+ * aminn_predict_state() corrects the state (aminn_correct()); aminn_predict() takes a corrected one with its Jacobians.
+ * Returns AMINN_OK, AMINN_E_NULL, AMINN_E_NOT_INITIALISED, or AMINN_E_CALIBRATION where cal was not set for the context's
+ * model; after an error what ctx used stays in use.
+ */
+aminn_status_t aminn_calibrate(aminn_t *ctx, const aminn_calibration_t *cal);
+
+/*
+ * A measured state as it truly is: adds the joints' zeros to q, and moves contacts by the tips' radius along their normals.
+ *
+ *   cal    filled in by aminn_calibration_set().
+ *   state  q and contacts changed.
+ *
+ * aminn_predict_state() does it to a copy by itself. Returns AMINN_OK or AMINN_E_NULL.
+ */
+aminn_status_t aminn_correct(const aminn_calibration_t *cal, aminn_state_t *state);
 
 /*
  * Closure Jacobians from joint angles, tool position and contacts.
@@ -555,6 +649,10 @@ int aminn_first_out_of_range(const aminn_model_t *model, const aminn_state_t *st
 /* Name of such a number with its unit, for instance "contacts[2].normal_force_N"; "none" for any other index. A constant,
  * never null. */
 const char *aminn_field_name(int index);
+
+/* Name of a number of theta, for instance "spring_finger1_roll"; "none" for any other index. Units: zero_ are rad, radius_ m, all
+ * others logarithms. A constant, never null. */
+const char *aminn_theta_name(int index);
 
 /* Name of a status code, for instance "AMINN_E_CRC"; "AMINN_E_UNKNOWN" for any other number. A constant, never null. */
 const char *aminn_status_name(int status);

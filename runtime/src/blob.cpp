@@ -21,6 +21,9 @@ struct Header {
     uint32_t n_contact_feature;
     uint32_t n_wrench;
     uint32_t n_gated;
+    uint32_t n_twist;
+    uint32_t n_stiff;
+    uint32_t n_told;
     uint32_t contact_width;
     uint32_t width;
     uint32_t classifier_width;
@@ -35,10 +38,9 @@ struct Header {
     uint8_t data_sha256[32];
     float eps_kx[AMINN_N_STAGE];
     float eps_jq[AMINN_N_STAGE];
-    uint32_t n_twist;
     char name[56];
     char hand[56];
-    char made_by[40];
+    char made_by[32];
 };
 static_assert(sizeof(Header) == 320, "header layout");
 constexpr size_t kCrcStart = offsetof(Header, content_crc);
@@ -75,7 +77,6 @@ void copy_constants(const Header &h, aminn_model_t &m)
 {
     m.format_version = h.format_version;
     std::memcpy(&m.content_crc, &h.content_crc, kSameBytes);
-    m.n_twist = h.n_twist;
     for (int i = 0; i < AMINN_N_STAGE; ++i) {
         m.stage[i].eps_kx = h.eps_kx[i];
         m.stage[i].eps_jq = h.eps_jq[i];

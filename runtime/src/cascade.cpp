@@ -39,10 +39,10 @@ bool run_stage(aminn_t &ctx, int i, const Scene &scene, const aminn_input_t &in,
 #else
     Branches *springs = ctx.head;
 #endif
-    springs_from_head(model, ctx.head, springs);
+    springs_from_head(model, *ctx.varied, ctx.head, springs);
     const bool debug = (ctx.flags & AMINN_FLAG_DEBUG) != 0;
     const unsigned wanted = debug ? kWantStiffness | kWantDeflection : i == 0 ? 0u : kWantStiffness;
-    two_pass(model, model.stage[i], scene, in, springs, wanted, ctx.stage[i], summary);
+    two_pass(model, model.stage[i], ctx.varied->eps_m[i], scene, in, springs, wanted, ctx.stage[i], summary);
     if (debug) {
         store_springs(springs, ctx.stage[i]);
         ctx.stages_done |= 1u << i;

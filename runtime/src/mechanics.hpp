@@ -188,13 +188,13 @@ AMINN_FUNCTION static void combine_branches(Row to[], const Row rows[], const Br
 }
 
 static void factor_grasp(const Branches *springs, const aminn_input_t &in, const Scene &scene,
-                         const aminn_stage_model_t &stage, Grasp &grasp)
+                         const aminn_stage_model_t &stage, const float *eps_m, Grasp &grasp)
 {
     std::memcpy(grasp.rows, scene.a_s, sizeof scene.a_s);
     for (int g = 0; g < kGroups; ++g) {
         const int b = g * kSideBySide;
         Row *v = grasp.rows + 3 * b;
-        factor_contact(springs, in, g, stage.eps_m, grasp.contact[g], v, grasp.weight + 3 * b);
+        factor_contact(springs, in, g, eps_m, grasp.contact[g], v, grasp.weight + 3 * b);
         if constexpr (kGated) {
             combine_branches(grasp.stiffness + kMotion + b, v, grasp.contact[g].t, g);
         }
@@ -335,13 +335,13 @@ AMINN_INLINE void engage(const Branches *springs, int g, Branches eta, Branches 
 }
 
 // Both passes, into what out has behind the springs.
-static void two_pass(const aminn_model_t &model, const aminn_stage_model_t &stage, const Scene &scene,
-                     const aminn_input_t &in, const Branches *springs, unsigned wanted, aminn_stage_debug_t &out,
-                     StaticsSummary &summary)
+static void two_pass(const aminn_model_t &model, const aminn_stage_model_t &stage, const float *eps_m,
+                     const Scene &scene, const aminn_input_t &in, const Branches *springs, unsigned wanted,
+                     aminn_stage_debug_t &out, StaticsSummary &summary)
 {
     // pass 1: springs alone
     Grasp grasp;
-    factor_grasp(springs, in, scene, stage, grasp);
+    factor_grasp(springs, in, scene, stage, eps_m, grasp);
     const Row *inverse = grasp.rows + kHeld;
     Row inv_d;
     load_row(inv_d, grasp.inv_d);

@@ -10,12 +10,20 @@ bool width_ok(uint32_t width)
     return width >= 1 && width <= AMINN_MAX_WIDTH;
 }
 
+// what a model must have from n_branch on
+constexpr uint8_t kDims[] = {AMINN_N_BRANCH, AMINN_N_COORD, AMINN_N_JOINT, AMINN_N_CONTACT_FEATURE,
+                             AMINN_N_WRENCH, AMINN_N_GATED, AMINN_N_TWIST, AMINN_N_STIFF};
+static_assert(offsetof(aminn_model_t, n_told) - offsetof(aminn_model_t, n_branch) == sizeof kDims * sizeof(uint32_t),
+              "they stand one behind the other");
+
 bool dims_ok(const aminn_model_t &m)
 {
-    return m.n_branch == AMINN_N_BRANCH && m.n_coord == AMINN_N_COORD && m.n_joint == AMINN_N_JOINT &&
-           m.n_contact_feature == AMINN_N_CONTACT_FEATURE && m.n_wrench == AMINN_N_WRENCH &&
-           m.n_gated == AMINN_N_GATED && m.n_twist == AMINN_N_TWIST && width_ok(m.contact_width) && width_ok(m.width) &&
-           width_ok(m.classifier_width);
+    uint32_t wrong = m.n_told != 0 ? m.n_told ^ AMINN_N_FACTOR : 0;
+    const uint32_t *dim = &m.n_branch;
+    for (const uint8_t wanted : kDims) {
+        wrong |= *dim++ ^ wanted;
+    }
+    return wrong == 0 && width_ok(m.contact_width) && width_ok(m.width) && width_ok(m.classifier_width);
 }
 
 // The top bit is set if one of these finite numbers is not above zero.
@@ -63,7 +71,7 @@ bool tables_ok(const aminn_model_t &m)
     for (const TableInfo &info : kTables) {
         Table table;
         find_table(m, info, table);
-        if (table.numbers == nullptr) {
+        if (table.numbers == nullptr && table.n != 0) {
             return false;
         }
         if (table.size == sizeof(float)
@@ -79,9 +87,9 @@ bool tables_ok(const aminn_model_t &m)
     uint32_t joints = 0;
     const float *mask = m.coord_mask;
     for (int b = 0; b < AMINN_N_BRANCH; ++b) {
-        signs |= signs_of(m.chol_nom + AMINN_N_CHOLESKY * b, AMINN_N_COORD);
+        signs |= signs_of(m.nominal.chol + AMINN_N_CHOLESKY * b, AMINN_N_COORD);
         if constexpr (kSomeLack) { // zero: the branch has no gated tendon
-            signs |= bits_of(m.tendon_gain_nom[b]);
+            signs |= bits_of(m.nominal.tendon_gain[b]);
         }
         uint32_t wanted = 0; // once there is a coordinate
         for (int c = 0; c < AMINN_N_COORD; ++c) {

@@ -9,7 +9,7 @@ namespace aminn {
 inline namespace AMINN_CORE {
 
 constexpr int kBranchFeature = AMINN_N_BRANCH_FEATURE;
-static_assert(AMINN_N_GLOBAL_INPUT <= AMINN_N_CONTACT_INPUT,
+static_assert(AMINN_N_TOLD_INPUT <= AMINN_N_LAST_INPUT && AMINN_N_CONTACT_INPUT <= AMINN_N_LAST_INPUT,
               "behind the contact summary there is room for the global input");
 
 // out = (v - mean) * inv_std
@@ -51,12 +51,15 @@ static void run_backbone(const aminn_model_t &model, const aminn_stage_model_t &
     normalise(ctx.contact_input, stage.contact_mean, stage.contact_inv_std, AMINN_N_CONTACT_INPUT, contact);
     dense(stage.contact_w, model.weight_type, stage.contact_b, contact, AMINN_N_CONTACT_INPUT, hc, kRectified,
           ctx.layer_in);
-    float *global = ctx.layer_in + hc; // q, x_ht and w_e, with which the input begins, and slog_w
+    float *global = ctx.layer_in + hc; // q, x_ht and w_e, with which the input begins, slog_w, and what is told
+    const int told = static_cast<int>(model.n_told);
     normalise(reinterpret_cast<const float *>(&in), stage.global_mean, stage.global_inv_std, kContacts, global);
     normalise(ctx.slog_w, stage.global_mean + kContacts, stage.global_inv_std + kContacts, AMINN_N_WRENCH,
               global + kContacts);
-    dense(stage.trunk1_w, model.weight_type, stage.trunk1_b, ctx.layer_in, hc + AMINN_N_GLOBAL_INPUT, h, kRectified,
-          ctx.layer_out);
+    normalise(ctx.varied->told, stage.global_mean + AMINN_N_GLOBAL_INPUT, stage.global_inv_std + AMINN_N_GLOBAL_INPUT,
+              told, global + AMINN_N_GLOBAL_INPUT);
+    dense(stage.trunk1_w, model.weight_type, stage.trunk1_b, ctx.layer_in, hc + AMINN_N_GLOBAL_INPUT + told, h,
+          kRectified, ctx.layer_out);
     dense(stage.trunk2_w, model.weight_type, stage.trunk2_b, ctx.layer_out, h, h, kRectified, ctx.feature);
     dense(stage.head_w, model.weight_type, stage.head_b, ctx.feature, h, AMINN_N_HEAD_STORED, kLinear, ctx.head);
 }

@@ -8,6 +8,7 @@ constexpr uint32_t kTag = 0x414D4E43u; // "AMNC"
 constexpr uint32_t kKnownFlags = AMINN_FLAG_ALWAYS_STAGE2 | AMINN_FLAG_DEBUG;
 
 static_assert(sizeof(aminn_input_t) == AMINN_N_INPUT * sizeof(float), "aminn_input_t is floats without gaps");
+static_assert(offsetof(aminn_calibration_t, varied) == 0, "a calibration begins with the tables in use");
 static_assert(offsetof(aminn_input_t, j_x) == sizeof(aminn_state_t), "aminn_input_t begins as aminn_state_t does");
 
 // "does not hold", and no number
@@ -86,6 +87,7 @@ aminn_status_t aminn_init_sized(aminn_t *ctx, size_t ctx_size, const aminn_model
     const aminn_status_t status = aminn_model_check(model);
     if (status == AMINN_OK) {
         ctx->model = model;
+        ctx->varied = &model->nominal;
         ctx->flags = flags;
         ctx->tag = kTag;
     }
@@ -104,6 +106,10 @@ aminn_status_t aminn_predict_state(aminn_t *ctx, const aminn_state_t *state, ami
     if (status == AMINN_OK) {
         aminn_input_t &in = ctx->input;
         std::memcpy(&in, state, sizeof *state);
+        if (ctx->correct != nullptr) { // a calibration begins with the tables in use, an input as a state does
+            ctx->correct(reinterpret_cast<const aminn_calibration_t *>(ctx->varied),
+                         reinterpret_cast<aminn_state_t *>(&in));
+        }
         if (closure(*ctx->model, in.q, in.x_ht, in.contacts, in.j_x, in.j_q)) {
             return predict_checked(*ctx, in, *out);
         }

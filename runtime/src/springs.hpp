@@ -52,7 +52,7 @@ constexpr int kComputed = AMINN_LANES ? (kFactors * kBranch + 7) / 8 * 8 : kFact
 static_assert(kComputed <= AMINN_N_HEAD_STORED, "there are so many numbers");
 
 // head is overwritten, and may be springs.
-static void springs_from_head(const aminn_model_t &model, float *head, Branches *springs)
+static void springs_from_head(const aminn_model_t &model, const aminn_varied_t &varied, float *head, Branches *springs)
 {
     for (int i = 0; i < kBounded * kBranch; ++i) {
         head[i] = hyperbolic_tangent(head[i]);
@@ -67,7 +67,7 @@ static void springs_from_head(const aminn_model_t &model, float *head, Branches 
         const auto raw = [&](int output) { return gather(head + output * kBranch + b, 1, n); };
         // cppcheck-suppress uninitvar ; the loop above fills all of it
         const auto scaling = [&](int output) { return gather(factor + output * kBranch + b, 1, n); };
-        const float *chol = model.chol_nom + AMINN_N_CHOLESKY * b;
+        const float *chol = varied.chol + AMINN_N_CHOLESKY * b;
         Branches nominal[kCoord];
         Branches mask[kCoord];
         Branches direction[kCoord];
@@ -91,10 +91,10 @@ static void springs_from_head(const aminn_model_t &model, float *head, Branches 
             }
         }
         if constexpr (kTwisted) { // within exp(+-2 log_range)
-            springs[at(kTwist, g)] = gather(model.twist_nom + b, 1, n) * (scaling(kTwist) * scaling(kTwist));
+            springs[at(kTwist, g)] = gather(varied.twist + b, 1, n) * (scaling(kTwist) * scaling(kTwist));
         }
         if constexpr (kGated) {
-            const Branches gain = gather(model.tendon_gain_nom + b, 1, n);
+            const Branches gain = gather(varied.tendon_gain + b, 1, n);
             Branches inv_norm = 1.0F / root(dot_of<kCoord>(direction, direction) + 1e-12F);
             if constexpr (kSomeLack) { // then the branch adds nothing at all
                 inv_norm = where_not_zero(gain, inv_norm);

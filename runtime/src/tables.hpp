@@ -27,6 +27,8 @@ enum Kind : uint8_t {
     kFloats = 0,
     kWeights = 1,  // of the model's weight_type
     kPositive = 2, // floats above zero
+    kTold = 4,     // the model's n_told more rows
+    kToldWeights = kTold | kWeights,
 };
 
 struct TableInfo {
@@ -37,18 +39,19 @@ struct TableInfo {
 static_assert(sizeof(aminn_model_t) / sizeof(void *) < 256, "a place has 8 bits");
 static_assert(AMINN_N_HEAD_STORED < kContactWidth && AMINN_N_CONTACT_INPUT < kContactWidth, "an extent has 8 bits");
 static_assert((sizeof(aminn_known_answer_t) / sizeof(float)) < kContactWidth, "an extent has 8 bits");
+static_assert(1 + AMINN_N_STIFF < kContactWidth, "an extent has 8 bits: AMINN_N_STIFF");
 
 #define AMINN_TABLE(field, rows, columns, kind) \
     {offsetof(aminn_model_t, field) / sizeof(void *), (rows) | ((columns) == 1 ? 0u : (columns) << kExtentBits), kind}
 #define AMINN_STAGE_TABLES(i)                                                                                         \
-    AMINN_TABLE(stage[i].eps_m, AMINN_N_BRANCH, 1, kPositive),                                                        \
+    AMINN_TABLE(nominal.eps_m[i], AMINN_N_BRANCH, 1, kPositive),                                                      \
         AMINN_TABLE(stage[i].contact_mean, AMINN_N_CONTACT_INPUT, 1, kFloats),                                        \
         AMINN_TABLE(stage[i].contact_inv_std, AMINN_N_CONTACT_INPUT, 1, kFloats),                                     \
-        AMINN_TABLE(stage[i].global_mean, AMINN_N_GLOBAL_INPUT, 1, kFloats),                                          \
-        AMINN_TABLE(stage[i].global_inv_std, AMINN_N_GLOBAL_INPUT, 1, kFloats),                                       \
+        AMINN_TABLE(stage[i].global_mean, AMINN_N_GLOBAL_INPUT, 1, kTold),                                            \
+        AMINN_TABLE(stage[i].global_inv_std, AMINN_N_GLOBAL_INPUT, 1, kTold),                                         \
         AMINN_TABLE(stage[i].contact_w, AMINN_N_CONTACT_INPUT, kContactWidth, kWeights),                              \
         AMINN_TABLE(stage[i].contact_b, kContactWidth, 1, kFloats),                                                   \
-        AMINN_TABLE(stage[i].trunk1_w, kTrunkInput, kWidth, kWeights),                                                \
+        AMINN_TABLE(stage[i].trunk1_w, kTrunkInput, kWidth, kToldWeights),                                            \
         AMINN_TABLE(stage[i].trunk1_b, kWidth, 1, kFloats), AMINN_TABLE(stage[i].trunk2_w, kWidth, kWidth, kWeights), \
         AMINN_TABLE(stage[i].trunk2_b, kWidth, 1, kFloats),                                                           \
         AMINN_TABLE(stage[i].head_w, kWidth, AMINN_N_HEAD_STORED, kWeights),                                          \
@@ -57,15 +60,17 @@ static_assert((sizeof(aminn_known_answer_t) / sizeof(float)) < kContactWidth, "a
 inline constexpr TableInfo kTables[] = {
     // one copy, whoever walks it
     AMINN_TABLE(wrench_log_scale, AMINN_N_WRENCH, 1, kPositive),
-    AMINN_TABLE(chol_nom, AMINN_N_BRANCH, AMINN_N_CHOLESKY, kFloats),
+    AMINN_TABLE(nominal.chol, AMINN_N_BRANCH, AMINN_N_CHOLESKY, kFloats),
 #if AMINN_N_GATED > 0
     AMINN_TABLE(tendon_dir_nom, AMINN_N_BRANCH, AMINN_N_COORD, kFloats),
-    AMINN_TABLE(tendon_gain_nom, AMINN_N_BRANCH, 1, AMINN_N_GATED < AMINN_N_BRANCH ? kFloats : kPositive),
+    AMINN_TABLE(nominal.tendon_gain, AMINN_N_BRANCH, 1, AMINN_N_GATED < AMINN_N_BRANCH ? kFloats : kPositive),
     AMINN_TABLE(gate_nom, 3, 1, kFloats),
 #endif
 #if AMINN_N_TWIST > 0
-    AMINN_TABLE(twist_nom, AMINN_N_BRANCH, 1, kPositive),
+    AMINN_TABLE(nominal.twist, AMINN_N_BRANCH, 1, kPositive),
 #endif
+    AMINN_TABLE(nominal.told, 0, 1, kTold),
+    AMINN_TABLE(theta_terms, 1 + AMINN_N_STIFF, AMINN_N_BRANCH *AMINN_N_TERM, kFloats),
     AMINN_TABLE(coord_mask, AMINN_N_BRANCH, AMINN_N_COORD, kFloats),
     AMINN_TABLE(geom_axis, AMINN_N_BRANCH, AMINN_N_COORD * 3, kFloats),
     AMINN_TABLE(geom_anchor, AMINN_N_BRANCH, AMINN_N_COORD * 3, kFloats),
@@ -98,15 +103,20 @@ struct Table {
 {
     std::memcpy(&table.numbers, reinterpret_cast<const char *>(&m) + info.place * sizeof(void *), sizeof(void *));
     table.n = 1;
-    for (uint32_t extents = info.extents; extents != 0; extents >>= kExtentBits) {
-        uint32_t width = 0;
+    uint32_t extents = info.extents;
+    uint32_t width = (info.kind & kTold) != 0 ? m.n_told : 0;
+    do {
         const uint32_t which = extents / kContactWidth % 4;
         if (which != 0) {
             const size_t place = offsetof(aminn_model_t, contact_width) + sizeof width * (which - 1);
-            std::memcpy(&width, reinterpret_cast<const char *>(&m) + place, sizeof width);
+            uint32_t own = 0;
+            std::memcpy(&own, reinterpret_cast<const char *>(&m) + place, sizeof own);
+            width += own;
         }
         table.n *= width + extents % kContactWidth;
-    }
+        width = 0;
+        extents >>= kExtentBits;
+    } while (extents != 0);
     table.size = sizeof(float) >> (info.kind & m.weight_type);
 }
 

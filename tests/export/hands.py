@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from aminn.hand.nominal import nominal_of
+from aminn.hand.nominal import nominal_of, stiffness_terms
 from aminn_export.files.ranges import state_ranges
 from aminn_export.files.tables import HAND, STAGES, dims_of
 from aminn_export.samples.reference import Reference
@@ -103,6 +103,7 @@ def _nominal(hand: Hand) -> dict[str, NDArray]:
     }
     tendons = {"tendon_dir_nom": direction, "tendon_gain_nom": gain, "gate_nom": np.array([20.0, 0.05, 2.0])}
     soft = {"twist_nom": nominal_of(hand).twist} if hand.contact.kind == "soft_finger" else {}
+    tables["theta_terms"] = stiffness_terms(hand)
     return tables | (tendons if dims.gates else {}) | soft
 
 

@@ -238,7 +238,7 @@ def test_a_blob_changed_by_hand(small: Path, judge: Callable[..., int], tmp_path
     dims = dims_of(model.tensors)
     answer_size = 4 * (dims.state + output_words(dims))
     answer = len(blob) - room(answer_size)
-    words = [*range(16, 168, 4), *map(int, plan[:: len(plan) // 200])]
+    words = [*range(16, 176, 4), *map(int, plan[:: len(plan) // 200])]
     words += range(answer, answer + answer_size, 8)
     caught = 0
     for at in words:

@@ -131,13 +131,14 @@ HEADER = """/* a hand */
 #define AMINN_N_JOINT 8
 #define AMINN_N_GATED {gated}
 #define AMINN_N_TWIST 0
+#define AMINN_N_STIFF {stiff}
 """
 
 
-def _header(folder: Path, name: str, branches: int, gated: int) -> Path:
+def _header(folder: Path, name: str, branches: int, gated: int, stiff: int = 10) -> Path:
     folder.mkdir()
     file = folder / "aminn_hand.h"
-    file.write_text(HEADER.format(name=name, branches=branches, gated=gated))
+    file.write_text(HEADER.format(name=name, branches=branches, gated=gated, stiff=stiff))
     return file
 
 
@@ -145,8 +146,8 @@ def test_a_runtime_for_another_hand_is_refused_by_name(installed: Path, tmp_path
     """What is installed cannot be built anew; the counts matter, not the name."""
     same = _header(tmp_path / "same", "three_like", 3, 3)
     assert find_runtime(installed, same) == find_runtime(installed)
-    for name, branches, gated in (("four_like", 4, 3), ("no_cables", 3, 0), ("two_cables", 3, 2)):
-        other = _header(tmp_path / name, name, branches, gated)
+    for name, *counts in (("four_like", 4, 3), ("no_cables", 3, 0), ("two_cables", 3, 2), ("own_springs", 3, 3, 12)):
+        other = _header(tmp_path / name, name, *counts)
         with pytest.raises(AminnError, match=f"compiled for hand three_finger_hand, the model is of {name}"):
             find_runtime(installed, other)
     assert build_name(same) != build_name(other) and build_name(same).startswith("three_like-")

@@ -30,9 +30,26 @@ inline void put_name(Bytes &bytes, const char *name, size_t room)
 inline void put_header(Bytes &bytes, const aminn_model_t &m)
 {
     constexpr uint32_t kMagic = 0x4D4E4D41u; // "AMNM"
-    for (uint32_t v :
-         {kMagic, m.format_version, 0u, 0u, m.content_crc, m.n_branch, m.n_coord, m.n_joint, m.n_contact_feature,
-          m.n_wrench, m.n_gated, m.contact_width, m.width, m.classifier_width, m.dq0, m.weight_type, m.stages_crc}) {
+    for (uint32_t v : {kMagic,
+                       m.format_version,
+                       0u,
+                       0u,
+                       m.content_crc,
+                       m.n_branch,
+                       m.n_coord,
+                       m.n_joint,
+                       m.n_contact_feature,
+                       m.n_wrench,
+                       m.n_gated,
+                       m.n_twist,
+                       m.n_stiff,
+                       m.n_told,
+                       m.contact_width,
+                       m.width,
+                       m.classifier_width,
+                       m.dq0,
+                       m.weight_type,
+                       m.stages_crc}) {
         put(bytes, v);
     }
     for (float v : {m.length_scale, m.log_range, m.displacement_log_scale, m.tau}) {
@@ -43,10 +60,9 @@ inline void put_header(Bytes &bytes, const aminn_model_t &m)
     for (float v : {m.stage[0].eps_kx, m.stage[1].eps_kx, m.stage[0].eps_jq, m.stage[1].eps_jq}) {
         put(bytes, v);
     }
-    put(bytes, m.n_twist);
     put_name(bytes, m.name, 56);
     put_name(bytes, m.hand, 56);
-    put_name(bytes, m.made_by, 40);
+    put_name(bytes, m.made_by, 32);
 }
 
 // Size and CRC-32 in a blob's header made right (the fuzz targets do it faster, for millions of blobs).

@@ -11,7 +11,10 @@ namespace hand_case {
 
 constexpr int B = AMINN_N_BRANCH, C = AMINN_N_COORD, G = AMINN_N_GATED;
 constexpr int kPacked = AMINN_N_CHOLESKY, kContactWidth = 9, kWidth = 16, kClassifier = 7;
-constexpr int kTrunkInput = kContactWidth + AMINN_N_GLOBAL_INPUT, kClassifierInput = kWidth + AMINN_N_AUX;
+/* networks of some hands see the factors of theta */
+constexpr int kTold = C != 3 ? AMINN_N_FACTOR : 0, kGlobal = AMINN_N_GLOBAL_INPUT + kTold;
+constexpr int kTrunkInput = kContactWidth + kGlobal, kClassifierInput = kWidth + AMINN_N_AUX;
+static_assert(AMINN_N_STIFF == AMINN_N_JOINT, "a stiffness for each joint");
 /* where a tendon's numbers stand in the head, in rows of B (aminn_rt.h has the order) */
 constexpr bool kSoft = AMINN_N_TWIST > 0;
 constexpr int kGainRow = C, kAlphaRow = C + 1, kTwistRow = G > 0 ? C + 2 : C, kOffRow = kTwistRow + (kSoft ? 1 : 0);
@@ -43,7 +46,7 @@ class Random {
 struct StageTables {
     float eps_m[B];
     float contact_mean[AMINN_N_CONTACT_INPUT], contact_inv_std[AMINN_N_CONTACT_INPUT];
-    float global_mean[AMINN_N_GLOBAL_INPUT], global_inv_std[AMINN_N_GLOBAL_INPUT];
+    float global_mean[kGlobal], global_inv_std[kGlobal];
     float contact_w[AMINN_N_CONTACT_INPUT * kContactWidth], contact_b[kContactWidth];
     float trunk1_w[kTrunkInput * kWidth], trunk1_b[kWidth], trunk2_w[kWidth * kWidth], trunk2_b[kWidth];
     float head_w[kWidth * AMINN_N_HEAD_STORED], head_b[AMINN_N_HEAD_STORED];
@@ -51,7 +54,7 @@ struct StageTables {
 
 struct Tables {
     float wrench_log_scale[AMINN_N_WRENCH], chol_nom[B * kPacked], tendon_dir_nom[B * C], tendon_gain_nom[B],
-        gate_nom[3], twist_nom[B];
+        gate_nom[3], twist_nom[B], theta_terms[(1 + AMINN_N_STIFF) * B * AMINN_N_TERM];
     float coord_mask[B * C], aux_mean[AMINN_N_AUX], aux_inv_std[AMINN_N_AUX];
     float cls1_w[kClassifierInput * kClassifier], cls1_b[kClassifier], cls2_w[kClassifier], cls2_b[1];
     StageTables stage[AMINN_N_STAGE];
@@ -76,8 +79,8 @@ inline void make_stage(Random &random, StageTables &t, aminn_stage_model_t &stag
 {
     random.fill(t.contact_mean, AMINN_N_CONTACT_INPUT, -0.1F, 0.1F);
     random.fill(t.contact_inv_std, AMINN_N_CONTACT_INPUT, 0.5F, 2.0F);
-    random.fill(t.global_mean, AMINN_N_GLOBAL_INPUT, -0.1F, 0.1F);
-    random.fill(t.global_inv_std, AMINN_N_GLOBAL_INPUT, 0.5F, 2.0F);
+    random.fill(t.global_mean, kGlobal, -0.1F, 0.1F);
+    random.fill(t.global_inv_std, kGlobal, 0.5F, 2.0F);
     random.fill(t.contact_w, AMINN_N_CONTACT_INPUT * kContactWidth, -0.2F, 0.2F);
     random.fill(t.contact_b, kContactWidth, -0.5F, 0.5F);
     random.fill(t.trunk1_w, kTrunkInput * kWidth, -0.3F, 0.3F);
@@ -89,7 +92,6 @@ inline void make_stage(Random &random, StageTables &t, aminn_stage_model_t &stag
     for (int b = 0; b < B; ++b) {
         t.eps_m[b] = 1e-5F * static_cast<float>(b + 1);
     }
-    stage.eps_m = t.eps_m;
     stage.eps_kx = eps_kx;
     stage.eps_jq = 0.02F;
     stage.contact_mean = t.contact_mean;
@@ -104,6 +106,42 @@ inline void make_stage(Random &random, StageTables &t, aminn_stage_model_t &stag
     stage.trunk2_b = t.trunk2_b;
     stage.head_w = t.head_w;
     stage.head_b = t.head_b;
+}
+
+/* Entry of a packed triangle. */
+inline int packed(int row, int column)
+{
+    return row == column ? row : C + row * (row - 1) / 2 + column;
+}
+
+/* Each joint's stiffness is a share of one column of the springs' Cholesky factor, so that they hold without it; the first of
+ * a branch is its gated tendon's too. */
+inline void make_terms(Tables &t)
+{
+    float *term = t.theta_terms + B * AMINN_N_TERM;
+    for (int b = 0; b < B; ++b) {
+        const float *l = t.chol_nom + kPacked * b;
+        for (int k = lacking(b); k < C; ++k) {
+            float *own = term + AMINN_N_TERM * b;
+            for (int r = k; r < C; ++r) {
+                for (int c = k; c <= r; ++c) {
+                    own[packed(r, c)] = 0.7F * l[packed(r, k)] * l[packed(c, k)];
+                }
+            }
+            own[kPacked] = k == lacking(b) ? 0.8F * t.tendon_gain_nom[b] : 0.0F;
+            term += B * AMINN_N_TERM;
+        }
+    }
+}
+
+/* What a told model's networks see in these tests, no zeros. */
+inline const float *told_factors()
+{
+    static float factors[AMINN_N_FACTOR];
+    for (int i = 0; i < AMINN_N_FACTOR; ++i) {
+        factors[i] = 0.3F * static_cast<float>(i % 5 - 2);
+    }
+    return factors;
 }
 
 inline void make_model(Tables &t, aminn_model_t &m)
@@ -124,6 +162,7 @@ inline void make_model(Tables &t, aminn_model_t &m)
         }
         t.tendon_gain_nom[b] = has_tendon(b) ? random.within(0.2F, 0.6F) : 0.0F;
     }
+    make_terms(t);
     random.fill(t.wrench_log_scale, AMINN_N_WRENCH, 0.05F, 0.2F);
     random.fill(t.aux_mean, AMINN_N_AUX, -0.1F, 0.1F);
     random.fill(t.aux_inv_std, AMINN_N_AUX, 0.1F, 0.2F);
@@ -145,14 +184,19 @@ inline void make_model(Tables &t, aminn_model_t &m)
     m.displacement_log_scale = 1e-3F;
     m.tau = 0.5F;
     m.wrench_log_scale = t.wrench_log_scale;
-    m.chol_nom = t.chol_nom;
+    m.nominal.chol = t.chol_nom;
     m.tendon_dir_nom = t.tendon_dir_nom;
-    m.tendon_gain_nom = t.tendon_gain_nom;
+    m.nominal.tendon_gain = t.tendon_gain_nom;
     m.gate_nom = t.gate_nom;
     for (int b = 0; b < B; ++b) {
         t.twist_nom[b] = 0.05F * static_cast<float>(1 + b);
     }
-    m.twist_nom = t.twist_nom;
+    m.nominal.twist = t.twist_nom;
+    m.nominal.eps_m[0] = t.stage[0].eps_m;
+    m.nominal.eps_m[1] = t.stage[1].eps_m;
+    m.n_told = kTold;
+    m.nominal.told = told_factors();
+    m.theta_terms = t.theta_terms;
     m.coord_mask = t.coord_mask;
     m.aux_mean = t.aux_mean;
     m.aux_inv_std = t.aux_inv_std;

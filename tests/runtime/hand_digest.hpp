@@ -15,6 +15,7 @@ inline void begin(aminn_t &ctx, const aminn_model_t &model, uint32_t flags)
     std::memset(&ctx, 0, sizeof ctx);
     ctx.model = &model;
     ctx.flags = flags;
+    ctx.varied = &model.nominal;
 }
 
 inline uint32_t digest(Core core, Tables &tables, aminn_model_t &model, aminn_t &ctx)

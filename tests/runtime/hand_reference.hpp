@@ -102,17 +102,17 @@ inline void contact_compliance(const double (&k)[C][C], const float (&j_q)[3][C]
 }
 
 /* K_x in SI, and the load's displacement */
-inline void statics(const aminn_stage_model_t &s, const aminn_input_t &in, const double (&k)[B][C][C],
+inline void statics(const aminn_model_t &model, int which, const aminn_input_t &in, const double (&k)[B][C][C],
                     const double (&twist)[B], Matrix6 &k_x, Vector6 &dx)
 {
     for (int i = 0; i < W; ++i) {
         for (int j = 0; j < W; ++j) {
-            k_x[i][j] = i == j ? static_cast<double>(s.eps_kx) : 0.0;
+            k_x[i][j] = i == j ? static_cast<double>(model.stage[which].eps_kx) : 0.0;
         }
     }
     for (int b = 0; b < B; ++b) {
         double m[3][3], unused[C][3];
-        contact_compliance(k[b], in.j_q[b], static_cast<double>(s.eps_m[b]), m, unused);
+        contact_compliance(k[b], in.j_q[b], static_cast<double>(model.nominal.eps_m[which][b]), m, unused);
         for (int j = 0; j < W; ++j) {
             double column[3], x[3];
             for (int r = 0; r < 3; ++r) {
@@ -143,11 +143,11 @@ inline void statics(const aminn_stage_model_t &s, const aminn_input_t &in, const
 }
 
 /* dq0 of a branch: K^-1 B^T f, f = c M^-1 A dx0; or the paper's -(J_q + eps I)^-1 J_x dx0 */
-inline void deflection(const aminn_model_t &model, const aminn_stage_model_t &s, const aminn_input_t &in, int b,
-                       const double (&k)[C][C], const Vector6 &dx0, double (&dq0)[C])
+inline void deflection(const aminn_model_t &model, int which, const aminn_input_t &in, int b, const double (&k)[C][C],
+                       const Vector6 &dx0, double (&dq0)[C])
 {
     double m[3][3], k_inv_bt[C][3], motion[3], force[3];
-    contact_compliance(k, in.j_q[b], static_cast<double>(s.eps_m[b]), m, k_inv_bt);
+    contact_compliance(k, in.j_q[b], static_cast<double>(model.nominal.eps_m[which][b]), m, k_inv_bt);
     const double contact = static_cast<double>(in.contacts[b][0]);
     for (int r = 0; r < 3; ++r) {
         motion[r] = 0.0;
@@ -167,7 +167,8 @@ inline void deflection(const aminn_model_t &model, const aminn_stage_model_t &s,
             double a[3][3], x[3];
             for (int r = 0; r < 3; ++r) {
                 for (int c = 0; c < C; ++c) {
-                    a[r][c] = static_cast<double>(in.j_q[b][r][c]) + (r == c ? static_cast<double>(s.eps_jq) : 0.0);
+                    a[r][c] = static_cast<double>(in.j_q[b][r][c]) +
+                              (r == c ? static_cast<double>(model.stage[which].eps_jq) : 0.0);
                 }
             }
             solve<3>(a, motion, x);
@@ -184,7 +185,7 @@ inline void head_to_springs(const aminn_model_t &model, const double *head, Stag
     const double range = static_cast<double>(model.log_range);
     for (int b = 0; b < B; ++b) {
         const auto raw = [&](int row) { return head[row * B + b]; };
-        const float *chol = model.chol_nom + kPacked * b, *mask = model.coord_mask + C * b;
+        const float *chol = model.nominal.chol + kPacked * b, *mask = model.coord_mask + C * b;
         double l[C][C] = {};
         for (int r = 0; r < C; ++r) {
             const double nominal = static_cast<double>(chol[r]);
@@ -205,7 +206,8 @@ inline void head_to_springs(const aminn_model_t &model, const double *head, Stag
             }
         }
         stage.twist[b] =
-            kSoft ? static_cast<double>(model.twist_nom[b]) * std::exp(2.0 * range * std::tanh(raw(kTwistRow))) : 0.0;
+            kSoft ? static_cast<double>(model.nominal.twist[b]) * std::exp(2.0 * range * std::tanh(raw(kTwistRow)))
+                  : 0.0;
         if (G == 0) {
             continue;
         }
@@ -220,20 +222,20 @@ inline void head_to_springs(const aminn_model_t &model, const double *head, Stag
         for (double &d : stage.direction[b]) {
             d /= std::sqrt(square);
         }
-        stage.gain[b] = static_cast<double>(model.tendon_gain_nom[b]) * std::exp(range * std::tanh(raw(kGainRow)));
+        stage.gain[b] = static_cast<double>(model.nominal.tendon_gain[b]) * std::exp(range * std::tanh(raw(kGainRow)));
         stage.gate_params[b][0] = static_cast<double>(model.gate_nom[0]) * std::exp(range * std::tanh(raw(kAlphaRow)));
         stage.gate_params[b][1] = static_cast<double>(model.gate_nom[1]) * raw(kBetaRow);
         stage.gate_params[b][2] = static_cast<double>(model.gate_nom[2]) + raw(kRhoRow);
     }
 }
 
-inline void two_pass(const aminn_model_t &model, const aminn_stage_model_t &s, const aminn_input_t &in, Stage &stage)
+inline void two_pass(const aminn_model_t &model, int which, const aminn_input_t &in, Stage &stage)
 {
-    statics(s, in, stage.k_spring, stage.twist, stage.k_x, stage.dx0);
+    statics(model, which, in, stage.k_spring, stage.twist, stage.k_x, stage.dx0);
     double k[B][C][C];
     std::memcpy(k, stage.k_spring, sizeof k);
     for (int b = 0; b < B; ++b) {
-        deflection(model, s, in, b, stage.k_spring[b], stage.dx0, stage.dq0[b]);
+        deflection(model, which, in, b, stage.k_spring[b], stage.dx0, stage.dq0[b]);
         if (!has_tendon(b)) {
             continue;
         }
@@ -249,7 +251,7 @@ inline void two_pass(const aminn_model_t &model, const aminn_stage_model_t &s, c
             }
         }
     }
-    statics(s, in, k, stage.twist, stage.k_x, stage.dx);
+    statics(model, which, in, k, stage.twist, stage.k_x, stage.dx);
 }
 
 inline double log_by_size(double w, double scale)
@@ -281,11 +283,15 @@ inline void run_stage(const aminn_model_t &model, int i, const aminn_input_t &in
         const double w = log_by_size(static_cast<double>(in.w_e[k]), static_cast<double>(model.wrench_log_scale[k]));
         trunk[kContactWidth + kFirst + k] = normal(w, s.global_mean, s.global_inv_std, kFirst + k);
     }
+    for (int k = AMINN_N_GLOBAL_INPUT; k < kGlobal; ++k) {
+        const double factor = static_cast<double>(told_factors()[k - AMINN_N_GLOBAL_INPUT]);
+        trunk[kContactWidth + k] = normal(factor, s.global_mean, s.global_inv_std, k);
+    }
     dense(s.trunk1_w, s.trunk1_b, trunk, kTrunkInput, kWidth, true, hidden);
     dense(s.trunk2_w, s.trunk2_b, hidden, kWidth, kWidth, true, feature);
     dense(s.head_w, s.head_b, feature, kWidth, AMINN_N_HEAD_STORED, false, head);
     head_to_springs(model, head, stage);
-    two_pass(model, s, in, stage);
+    two_pass(model, i, in, stage);
 }
 
 /* What stage 1's classifier makes of the trunk's output, which stands first in `feature`, and of the statics. */

@@ -16,7 +16,7 @@ from aminn_export.files.ranges import state_ranges
 from aminn_export.files.tables import STAGES, by_branch, dims_of
 from aminn_hand import Dims
 
-DIMS = Dims(branches=3, coordinates=3, joints=8, tendons=6, gates=3)
+DIMS = Dims(branches=3, coordinates=3, joints=8, tendons=6, gates=3, stiff=10)
 """Of the built-in hand, which the compiled runtime is for."""
 BRANCH_JOINTS = ((0, 1, 2), (3, 4, 5), (-1, 6, 7))
 BRANCHES = ("finger1", "finger2", "thumb")
@@ -62,7 +62,23 @@ def _nominal() -> dict[str, NDArray]:
         "tendon_gain_nom": np.array([3.0, 3.0, 5.0]),
         "gate_nom": np.array([20.0, 0.05, 2.0]),
         "coord_mask": _MASK,
+        "theta_terms": _terms(chol, np.array([3.0, 3.0, 5.0])),
     } | _geometry()
+
+
+def _terms(chol: NDArray, gain: NDArray) -> NDArray:
+    """Springs K_b = L L^T as shares of L's columns: what does not change, ten stiffnesses; the last has the gain."""
+    rng, n = np.random.default_rng(0), len(DIMS.cholesky_entries)
+    rows, cols = np.transpose(DIMS.cholesky_entries)
+    lower = np.zeros((DIMS.branches, DIMS.coordinates, DIMS.coordinates))
+    lower[:, rows, cols] = chol
+    outer = np.einsum("bik,bjk->bkij", lower, lower)[:, :, rows, cols]  # (B, C, K)
+    share = rng.dirichlet(np.ones(DIMS.stiff), (DIMS.branches, DIMS.coordinates)) * 0.8 * _MASK[..., None]
+    terms = np.zeros((1 + DIMS.stiff, DIMS.branches, n + 1))
+    terms[1:, :, :-1] = np.einsum("bkp,bkn->pbn", share, outer)
+    terms[0, :, :-1] = outer.sum(1) - terms[1:, :, :-1].sum(0)
+    terms[-1, :, -1] = gain
+    return terms
 
 
 def random_model(

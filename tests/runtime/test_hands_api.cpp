@@ -55,6 +55,7 @@ extern "C" void setUp(void)
     model.n_wrench = AMINN_N_WRENCH;
     model.n_gated = AMINN_N_GATED;
     model.n_twist = AMINN_N_TWIST;
+    model.n_stiff = AMINN_N_STIFF;
     model.name = "made up";
     model.hand = AMINN_HAND_NAME;
     model.made_by = "a test";
@@ -102,15 +103,16 @@ static void a_blob_predicts_as_the_model_in_memory()
 
 static void a_model_of_another_hand_is_refused()
 {
-    uint32_t *const counts[] = {&model.n_branch, &model.n_coord, &model.n_joint, &model.n_contact_feature,
-                                &model.n_wrench, &model.n_gated, &model.n_twist};
+    uint32_t *const counts[] = {&model.n_branch,          &model.n_coord,  &model.n_joint,
+                                &model.n_contact_feature, &model.n_wrench, &model.n_gated,
+                                &model.n_twist,           &model.n_stiff,  &model.n_told};
     for (uint32_t *count : counts) {
         *count += 1;
         TEST_ASSERT_EQUAL_INT(AMINN_E_DIMS, aminn_model_check(&model));
         const std::vector<uint8_t> blob = blob_of(model);
         aminn_model_t loaded;
         TEST_ASSERT_EQUAL_INT(AMINN_E_DIMS, aminn_model_from_blob(blob.data(), blob.size(), &loaded));
-        TEST_ASSERT_NULL(loaded.chol_nom);
+        TEST_ASSERT_NULL(loaded.nominal.chol);
         *count -= 1;
     }
     TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_model_check(&model));

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 from aminn_export.files import layout
 from aminn_hand.hand import N_CONTACT_FEATURE, N_WRENCH
+from aminn_hand.theta import Theta
 from aminn_rt import blob
 from aminn_rt.hand_header import hand_header
 from aminn_sim.open_hand import default_hand_file
@@ -17,6 +19,7 @@ HEADER = (INCLUDE / "aminn_rt.h").read_text()
 HAND = (INCLUDE / "aminn_hand.h").read_text()
 REFERENCE_HAND = understand(default_hand_file()).hand
 DIMS = REFERENCE_HAND.dims
+THETA = Theta(REFERENCE_HAND)
 
 
 def macro(name: str) -> int:
@@ -34,6 +37,9 @@ def test_dimensions() -> None:
     assert macro("AMINN_N_CONTACT_FEATURE") == N_CONTACT_FEATURE
     assert macro("AMINN_N_WRENCH") == N_WRENCH
     assert macro("AMINN_N_GATED") == DIMS.gates
+    assert macro("AMINN_N_STIFF") == THETA.stiff
+    assert macro("AMINN_N_FACTOR") == THETA.factors
+    assert macro("AMINN_N_THETA") == len(THETA)
     assert f'#define AMINN_HAND_NAME "{REFERENCE_HAND.name}"' in HAND
 
 
@@ -41,7 +47,8 @@ def test_the_hand_is_as_the_exporter_writes_it() -> None:
     def macros(text: str) -> list[str]:
         return re.sub(r"/\*.*?\*/|\\\n", " ", text, flags=re.DOTALL).split()
 
-    assert macros(hand_header(REFERENCE_HAND.name, REFERENCE_HAND.dims, REFERENCE_HAND.joints)) == macros(HAND)
+    written = hand_header(REFERENCE_HAND.name, replace(DIMS, stiff=THETA.stiff), REFERENCE_HAND.joints, THETA.names)
+    assert macros(written) == macros(HAND)
 
 
 def test_network_dimensions() -> None:

@@ -59,7 +59,8 @@ static void another_version_is_refused(void)
 static void another_hand_is_refused(void)
 {
     uint32_t *dims[] = {&model.n_branch,          &model.n_coord,  &model.n_joint,
-                        &model.n_contact_feature, &model.n_wrench, &model.n_gated};
+                        &model.n_contact_feature, &model.n_wrench, &model.n_gated,
+                        &model.n_twist,           &model.n_stiff,  &model.n_told};
     size_t i;
     for (i = 0; i < sizeof dims / sizeof dims[0]; ++i) {
         *dims[i] += 1;
@@ -98,10 +99,11 @@ static void a_missing_table_is_refused(void)
 {
     size_t k;
     REFUSED_WITHOUT(wrench_log_scale);
-    REFUSED_WITHOUT(chol_nom);
+    REFUSED_WITHOUT(nominal.chol);
     REFUSED_WITHOUT(tendon_dir_nom);
-    REFUSED_WITHOUT(tendon_gain_nom);
+    REFUSED_WITHOUT(nominal.tendon_gain);
     REFUSED_WITHOUT(gate_nom);
+    REFUSED_WITHOUT(theta_terms);
     REFUSED_WITHOUT(coord_mask);
     REFUSED_WITHOUT(geom_axis);
     REFUSED_WITHOUT(geom_anchor);
@@ -118,7 +120,7 @@ static void a_missing_table_is_refused(void)
     REFUSED_WITHOUT(hand);
     REFUSED_WITHOUT(made_by);
     for (k = 0; k < AMINN_N_STAGE; ++k) {
-        REFUSED_WITHOUT(stage[k].eps_m);
+        REFUSED_WITHOUT(nominal.eps_m[k]);
         REFUSED_WITHOUT(stage[k].contact_mean);
         REFUSED_WITHOUT(stage[k].contact_inv_std);
         REFUSED_WITHOUT(stage[k].global_mean);
@@ -168,16 +170,16 @@ static void constants_out_of_range_are_refused(void)
     REFUSED_SCALAR(stage[1].eps_jq, INFINITY);
     REFUSED_SCALAR(log_range, INFINITY);
     REFUSED_VALUE(wrench_log_scale, 6, 5, 0.0F);
-    REFUSED_VALUE(chol_nom, 18, 12, -1.0F);
-    REFUSED_VALUE(tendon_gain_nom, 3, 1, -1.0F);
+    REFUSED_VALUE(nominal.chol, 18, 12, -1.0F);
+    REFUSED_VALUE(nominal.tendon_gain, 3, 1, -1.0F);
     REFUSED_VALUE(coord_mask, 9, 4, 0.5F);
     REFUSED_SCALAR(length_scale, 0.0F);
     REFUSED_SCALAR(log_range, -1.0F);
     REFUSED_SCALAR(displacement_log_scale, NAN);
     REFUSED_SCALAR(tau, 1.5F);
     REFUSED_SCALAR(tau, NAN);
-    REFUSED_VALUE(stage[0].eps_m, 3, 0, 0.0F);
-    REFUSED_VALUE(stage[1].eps_m, 3, 2, -1e-5F);
+    REFUSED_VALUE(nominal.eps_m[0], 3, 0, 0.0F);
+    REFUSED_VALUE(nominal.eps_m[1], 3, 2, -1e-5F);
     REFUSED_SCALAR(stage[1].eps_kx, INFINITY);
     REFUSED_SCALAR(stage[1].eps_jq, -1.0F);
     model.dq0 = 2;

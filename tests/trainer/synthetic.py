@@ -28,9 +28,9 @@ HELD = 0.7
 
 
 def _joint(name: str, axis: Sequence[float], anchor: Sequence[float], stiffness: float, reach: float) -> Coordinate:
-    """A joint that grasps are drawn of at 0.15 to 0.65 rad, or about zero for a roll."""
-    low = -reach if reach else 0.15
-    return Coordinate(name, tuple(axis), tuple(anchor), low, reach or 0.65, stiffness / 2, stiffness / 2)
+    """A joint that grasps are drawn of at 0.15 to 0.65 rad, or about zero for a roll, which a servo holds too."""
+    low, servo = (-reach, stiffness / 2) if reach else (0.15, 0.0)
+    return Coordinate(name, tuple(axis), tuple(anchor), low, reach or 0.65, stiffness - servo, servo)
 
 
 def _tendons(branch: str, width: int, count: int) -> tuple[Tendon, ...]:

@@ -185,6 +185,8 @@ class Dims:
     """Of an exported model: its head gives how much each contact resists twisting, of soft fingertips."""
     factors: int = 0
     """Of a told model: how many factors of theta its networks see; 0 in one that sees none."""
+    stiff: int = 0
+    """Of an exported model: how many of theta's factors are on springs, servos and tendons."""
 
     @property
     def state(self) -> int:

@@ -9,15 +9,15 @@ from aminn_base.errors import AminnError
 from aminn_base.read import AnyPath
 from aminn_hand.hand import MAX_BRANCHES, MAX_COORDINATES, MIN_BRANCHES, N_CONTACT_FEATURE, N_WRENCH, Dims
 
-FORMAT_VERSION = 7
+FORMAT_VERSION = 8
 """Of the C model and the binary (AMINN_FORMAT_VERSION in aminn_rt.h)."""
 MAGIC = 0x4D4E4D41  # "AMNM"
 HEAD = struct.Struct("<4I")  # magic, format version, size, CRC-32 of what follows
 # CRC-32 of the content; dimensions, widths, dq0 and weights, CRC-32 of the known stages, scalars; SHA-256 of checkpoint
-# and data set; stage scalars; soft fingertips; name, hand, made by
-BODY = struct.Struct("<I6I3I2II4f32s32s4fI56s56s40s")
-_DIMS, _TAU, _TWIST, _NAMES = slice(1, 7), 16, 23, slice(24, 27)
-"""Of BODY's fields: the counts of `header_dims`; tau; how many fingertips resist twisting; name, hand, made by."""
+# and data set; stage scalars; name, hand, made by
+BODY = struct.Struct("<I9I3I2II4f32s32s4f56s56s32s")
+_DIMS, _TAU, _NAMES = slice(1, 10), 19, slice(26, 29)
+"""Of BODY's fields: the counts of `header_dims`; tau; name, hand, made by."""
 
 
 def header_dims(dims: Dims) -> dict[str, int]:
@@ -29,12 +29,10 @@ def header_dims(dims: Dims) -> dict[str, int]:
         "n_contact_feature": N_CONTACT_FEATURE,
         "n_wrench": N_WRENCH,
         "n_gated": dims.gates,
+        "n_twist": dims.branches if dims.twist else 0,
+        "n_stiff": dims.stiff,
+        "n_told": dims.factors,
     }
-
-
-def twisted(dims: Dims) -> int:
-    """`n_twist` of `aminn_model_t`: how many fingertips resist twisting."""
-    return dims.branches if dims.twist else 0
 
 
 def output_words(dims: Dims) -> int:
@@ -59,14 +57,13 @@ def check_blob(blob: bytes, source: AnyPath) -> None:
 
 def dims_in(blob: bytes, source: AnyPath) -> Dims:
     """The counts of the hand of a checked blob. Raises AminnError for those of none."""
-    fields = BODY.unpack_from(blob, HEAD.size)
-    found, twist = fields[_DIMS], fields[_TWIST]
-    branches, coordinates, joints, _, _, gates = found
-    dims = Dims(branches, coordinates, joints, gates, gates, twist > 0)
+    found = BODY.unpack_from(blob, HEAD.size)[_DIMS]
+    branches, coordinates, joints, _, _, gates, twist, stiff, told = found
+    dims = Dims(branches, coordinates, joints, gates, gates, twist > 0, told, stiff)
     inside = MIN_BRANCHES <= branches <= MAX_BRANCHES and 1 <= coordinates <= MAX_COORDINATES and gates <= branches
-    inside = inside and twist == twisted(dims)
+    inside = inside and told in (0, stiff + branches)
     if not inside or not branches <= joints <= branches * coordinates or found != tuple(header_dims(dims).values()):
-        raise AminnError(f"{source}: dimensions {(*found, twist)} are those of no hand")
+        raise AminnError(f"{source}: dimensions {found} are those of no hand")
     return dims
 
 

@@ -95,8 +95,8 @@ class Library:
     def dims(self) -> Dims:
         """The counts of the hand; of tendons those with a gate alone."""
         counts = (ctypes.c_uint32 * len(COUNTS)).in_dll(self._c, "aminn_batch_counts")
-        branches, coordinates, joints, gates, twist = counts
-        return Dims(branches, coordinates, joints, gates, gates, twist > 0)
+        branches, coordinates, joints, gates, twist, stiff = counts
+        return Dims(branches, coordinates, joints, gates, gates, twist > 0, stiff=stiff)
 
     def status_name(self, status: int) -> str:
         """Name of a status code."""

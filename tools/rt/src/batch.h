@@ -60,8 +60,9 @@ void aminn_batch_predict(const aminn_batch_t *batch, const aminn_batch_inputs_t 
 /* Status of aminn_self_test(). */
 aminn_status_t aminn_batch_self_test(const aminn_batch_t *batch);
 
-/* What the library is compiled for, as a model states it: branches, coordinates, joints, gated tendons, soft fingertips. */
-extern const uint32_t aminn_batch_counts[5];
+/* What the library is compiled for, as a model states it: branches, coordinates, joints, gated tendons, soft fingertips,
+ * stiffnesses of theta. */
+extern const uint32_t aminn_batch_counts[6];
 
 #ifdef __cplusplus
 }

@@ -21,6 +21,7 @@ from .layout import (
     SCALARS,
     STAGE_SCALARS,
     TABLES_VERSION,
+    TOLD_TABLE,
     WEIGHT_CODES,
     restored,
     stored_shape,
@@ -62,7 +63,7 @@ def read_bin_model(path: AnyPath) -> BinModel:
     check_blob(blob, path)
     fields = BODY.unpack_from(blob, HEAD.size)
     dims = dims_in(blob, path)
-    hc, h, hd, dq0, weights = fields[7:12]
+    hc, h, hd, dq0, weights = fields[10:15]
     names = {code: name for name, code in DQ0_CODES.items()}, {code: name for name, code in WEIGHT_CODES.items()}
     if dq0 not in names[0] or weights not in names[1]:
         raise AminnError(f"{path}: dq0 {dq0} or weights {weights} is not what this program knows")
@@ -78,12 +79,13 @@ def read_bin_model(path: AnyPath) -> BinModel:
     for owner, field, shape, dtype in tables:
         flat = np.frombuffer(blob, dtype.newbyteorder("<"), int(np.prod(shape)), at)
         at += room(flat.nbytes)
-        tensors[tensor_name(owner, field)] = restored(dims, field, flat, shape)
+        if field != TOLD_TABLE:
+            tensors[tensor_name(owner, field)] = restored(dims, field, flat, shape)
     if header_dims(dims_of(tensors)) != header_dims(dims):
         raise AminnError(f"{path}: coord_mask {tensors['coord_mask'].tolist()} does not fit its dimensions")
     known_state = np.frombuffer(blob, "<f4", dims.state, at)
-    meta = dict(zip(SCALARS, fields[13:17], strict=True))
-    meta |= {name: list(fields[19 + 2 * i : 21 + 2 * i]) for i, name in enumerate(STAGE_SCALARS)}
+    meta = dict(zip(SCALARS, fields[16:20], strict=True))
+    meta |= {name: list(fields[22 + 2 * i : 24 + 2 * i]) for i, name in enumerate(STAGE_SCALARS)}
     meta |= dict(zip(NAME_ROOM, names_in(blob), strict=True))
     meta |= {
         "format_version": TABLES_VERSION,
@@ -92,8 +94,8 @@ def read_bin_model(path: AnyPath) -> BinModel:
         "width": h,
         "classifier_width": hd,
         "dq0": names[0][dq0],
-        "checkpoint_sha256": fields[17].hex(),
-        "data_sha256": fields[18].hex(),
+        "checkpoint_sha256": fields[20].hex(),
+        "data_sha256": fields[21].hex(),
         "known_state": [float(v) for v in known_state],
         "eps_m": shortest(np.array([tensors[f"{stage}.eps_m"] for stage in STAGES])),
         "branch_joints": branch_joints(tensors),

@@ -19,7 +19,8 @@ def write_hand_header(exported: Exported, out_dir: AnyPath) -> Path:
     """Write the header of an exported model's hand into a folder; returns its path."""
     path, meta = Path(out_dir) / HAND_HEADER, exported.meta
     name = str(meta.get("hand", "unknown")).rpartition(" ")[0] or "unknown"
-    write_atomically(path, hand_header(name, dims_of(exported.tensors), meta.get("joints", ())).encode())
+    text = hand_header(name, dims_of(exported.tensors), meta.get("joints", ()), meta.get("theta_names", ()))
+    write_atomically(path, text.encode())
     return path
 
 
@@ -36,7 +37,7 @@ def name_in(header: Path) -> str:
 
 
 def counts_in(header: Path) -> tuple[int, ...]:
-    """What a build follows from: branches, coordinates, joints, gated tendons, soft fingertips."""
+    """What a build follows from: branches, coordinates, joints, gated tendons, soft fingertips, stiffnesses."""
     text = header.read_text()
     found = [re.search(rf"^#define {name} (\d+)", text, re.MULTILINE) for name in COUNTS]
     missing = [name for name, match in zip(COUNTS, found, strict=True) if match is None]

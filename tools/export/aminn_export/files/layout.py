@@ -23,15 +23,19 @@ TABLES_VERSION = 1
 """Of the tables that the trainer gives."""
 DQ0_CODES = {"statics": 0, "inverse": 1}
 SHA256_HEX_DIGITS = 64
-NAME_ROOM = {"name": 56, "hand": 56, "made_by": 40}
+NAME_ROOM = {"name": 56, "hand": 56, "made_by": 32}
 """Bytes that a name has in the binary, with the zero behind it."""
 UNKNOWN = "unknown"
 WEIGHT_CODES = {"float32": 0, "float16": 1}
 WEIGHT_TYPES: dict[str, type[np.floating]] = {"float32": np.float32, "float16": np.float16}
 SCALARS = ("length_scale", "log_range", "displacement_log_scale", "tau")
 STAGE_SCALARS = ("eps_kx", "eps_jq")
-OPTIONAL_TABLES = ("tendon_dir_nom", "tendon_gain_nom", "gate_nom", "twist_nom")
-"""Behind chol_nom; left out where the hand has no gates, or no soft fingertips."""
+OPTIONAL_TABLES = ("tendon_dir_nom", "gate_nom")
+"""Of hands with gates."""
+TOLD_TABLE = "told_nom"
+"""Of a told model: factors of the nominal hand, which the runtime sees without a calibration; zeros."""
+VARIED = {"chol_nom": "chol", "tendon_gain_nom": "tendon_gain", "twist_nom": "twist", TOLD_TABLE: "told"}
+"""Tables that theta changes, and what they are called in `aminn_varied_t`; all but the first may be left out."""
 
 
 class Table(NamedTuple):
@@ -85,6 +89,8 @@ def shared_shapes(dims: Dims) -> dict[str, tuple[int, ...]]:
         "chol_nom": (b, dims.cholesky),
         **(tendons if dims.gates else {}),
         **({"twist_nom": (b,)} if dims.twist else {}),
+        **({TOLD_TABLE: (dims.factors,)} if dims.factors else {}),
+        "theta_terms": (1 + dims.stiff, b, dims.cholesky + 1),
         "coord_mask": (b, c),
         "geom_axis": (b, c, 3),
         "geom_anchor": (b, c, 3),
@@ -170,6 +176,8 @@ def restored(dims: Dims, field: str, flat: NDArray[Any], shape: tuple[int, ...])
 
 def _table(exported: Exported, dims: Dims, owner: str, field: str, shape: tuple[int, ...]) -> Table:
     name = tensor_name(owner, field)
+    if name == TOLD_TABLE:
+        return Table(owner, field, np.zeros(shape, np.float32))
     if name not in exported.tensors:
         raise AminnError(f"model: tensor {name} is missing")
     value = np.asarray(exported.tensors[name])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -51,7 +52,10 @@ def dims_of(tensors: Tensors) -> Dims:
         )
     gates = max(1, int(np.count_nonzero(tensors["tendon_gain_nom"]))) if "tendon_gain_nom" in tensors else 0
     branches, coordinates = mask.shape
-    return Dims(branches, coordinates, int(mask.sum()), gates, gates, "twist_nom" in tensors)
+    dims = Dims(branches, coordinates, int(mask.sum()), gates, gates, "twist_nom" in tensors)
+    told = np.size(tensors.get("s1.global_mean", np.zeros(dims.global_input))) - dims.global_input
+    stiff = len(tensors["theta_terms"]) - 1 if "theta_terms" in tensors else 0
+    return replace(dims, factors=stiff + branches if told == stiff + branches else 0, stiff=stiff)
 
 
 def by_branch(value: object, branches: int) -> NDArray[np.float64]:
