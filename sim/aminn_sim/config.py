@@ -126,6 +126,8 @@ class SimulationConfig:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "families", tuple(self.families))
+        if not isinstance(self.mechanics, Mapping):
+            raise SimulationError(f"configuration: mechanics is {self.mechanics!r}, expected numbers by parameter")
         object.__setattr__(self, "mechanics", dict(sorted(self.mechanics.items())))
         self._check_numbers()
         self._check_ranges()

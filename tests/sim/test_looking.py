@@ -124,6 +124,7 @@ def test_card_shows_every_field_and_is_one_file(data_folder: Path, tmp_path: Pat
     page = data_card(data_folder, report).read_text()
     titles = re.findall(r"<h2>(.*?)</h2>", page)
     assert titles[:3] == ["Yield", "Stable share by load", "Quality of the labels"] and "Variables" in titles
+    assert "Mechanics" not in titles  # every hand is as described
     assert set(re.findall(r'src="(.{10})', page)) == {"data:image"}
     assert "0.0625" in page and "theory relative error median" in page
     for family in read_data(data_folder).manifest["tool_families"]:

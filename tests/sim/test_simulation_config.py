@@ -50,6 +50,7 @@ def test_options_carry_every_value() -> None:
         ({"drift_stop_m_s": 1e-3}, "drift_stop_m_s 0.001 is above drift_max_m_s"),
         ({"stop_factor": 0.5}, "stop_factor is 0.5"),
         ({"vary_mechanics": -0.1}, "vary_mechanics is -0.1, expected 0 to 1.38629"),
+        ({"mechanics": [0.1]}, "mechanics is [0.1], expected numbers by parameter"),
         ({"mechanics": {"contact_thumb": math.inf}}, "mechanics.contact_thumb is inf, expected a finite number"),
     ],
 )
