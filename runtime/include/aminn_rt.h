@@ -452,6 +452,36 @@ typedef struct aminn_calibration {
     float eps_m[AMINN_N_STAGE][AMINN_N_BRANCH];
 } aminn_calibration_t;
 
+/* What a calibrator takes for granted; aminn_calibrator_defaults has the numbers in brackets. */
+typedef struct aminn_calibrator_settings {
+    float prior;       /* standard deviation of each factor's logarithm before any push, 1e-9 .. 1 [0.5] */
+    float noise_m;     /* of each measured number, rotations times length_scale, m, 1e-9 .. 1 [5e-5] */
+    float model_share; /* of the model's own error, as a share of the motion, 0 .. 1 [0.08] */
+    float step;        /* by which a push changes a logarithm at most, 1e-9 .. AMINN_MAX_LOG_FACTOR [0.5] */
+    float bound;       /* of each logarithm, either way, likewise [1.5] */
+    float memory;      /* share of what is known that a push leaves; below 1 old pushes are forgotten, 1e-9 .. 1 [1] */
+} aminn_calibrator_settings_t;
+extern const aminn_calibrator_settings_t aminn_calibrator_defaults;
+
+/* What became of the latest push (aminn_calibrator_t.outcome). */
+#define AMINN_PUSH_NONE 0u    /* there was none */
+#define AMINN_PUSH_LEARNED 1u /* theta has changed */
+#define AMINN_PUSH_DOUBTED 2u /* it surprises, and counted for less */
+#define AMINN_PUSH_SLIPPED 3u /* no hand within the bounds moves so: not used */
+#define AMINN_PUSH_WORSE 4u   /* theta would have predicted this very push worse than before, and stays as it is */
+
+/* Learns theta's factors from pushes, one at a time. The caller owns it; it stays where it was initialised. Read what you
+ * like, write nothing. */
+typedef struct aminn_calibrator {
+    aminn_calibration_t calibration; /* so far, for aminn_calibrate() */
+    aminn_calibrator_settings_t settings;
+    uint32_t pushes;                                             /* seen */
+    uint32_t in_grasp;                                           /* of these in the present grasp, one after another */
+    uint32_t outcome;                                            /* AMINN_PUSH_... of the latest */
+    float grasp[AMINN_N_JOINT + AMINN_N_WRENCH];                 /* q and x_ht of the present grasp's first push */
+    float covariance[AMINN_N_FACTOR * (AMINN_N_FACTOR + 1) / 2]; /* of the logarithms: 00 10 11 20 21 22 .. */
+} aminn_calibrator_t;
+
 /* ---- Context --------------------------------------------------------------------------------------------------- */
 
 /* Working memory of one predictor. Public only so that its size is a constant: do not read or write its members. */
@@ -586,6 +616,43 @@ aminn_status_t aminn_calibrate(aminn_t *ctx, const aminn_calibration_t *cal);
  * aminn_predict_state() does it to a copy by itself. Returns AMINN_OK or AMINN_E_NULL.
  */
 aminn_status_t aminn_correct(const aminn_calibration_t *cal, aminn_state_t *state);
+
+/*
+ * Prepare a calibrator.
+ *
+ *   calibrator  written. After an error it is as it was.
+ *   model       checked model, kept by reference: must outlive the calibrator.
+ *   theta       where to begin, AMINN_N_THETA numbers; null: nominal. Joint zeros and radius stay as they are here.
+ *   settings    copied; null: aminn_calibrator_defaults.
+ *
+ * Returns AMINN_OK, AMINN_E_NULL, AMINN_E_CALIBRATION where a setting is out of its range, or what aminn_calibration_set()
+ * returns.
+ */
+aminn_status_t aminn_calibrator_init(aminn_calibrator_t *calibrator, const aminn_model_t *model,
+                                     const float theta[AMINN_N_THETA], const aminn_calibrator_settings_t *settings);
+
+/*
+ * Learn from one push: a known load on a grasp at rest, and how far the tool moved in the hand until it rested again.
+ *
+ *   ctx         initialised context of the calibrator's model, written. What it predicts for stays: aminn_calibrate() it with
+ *               &calibrator->calibration once, and each push counts from the next prediction on. What aminn_debug() showed is gone.
+ *   calibrator  written; contexts that use its calibration must not predict meanwhile. After an error it is as it was.
+ *   before      measured state before the load, and the load (w_e).
+ *   dx_ht       measured displacement (6): m, rotation vector, rad. Of a grasp that held.
+ *
+ * Gives all pushes of one grasp one after another: each further one of a grasp counts less, since the model errs alike on
+ * them. A grasp is the same where no joint has turned by more than 0.02 rad, nor the tool moved by more than 2 mm.
+ *
+ * Takes less than two predictions. Returns AMINN_OK: see calibrator->outcome; AMINN_E_NULL; AMINN_E_NOT_INITIALISED;
+ * AMINN_E_CALIBRATION where the calibrator is not of the context's model, or was moved; for a bad state or displacement what
+ * aminn_predict_state() returns; AMINN_E_NUMERIC where the statics or the fit are not finite.
+ */
+aminn_status_t aminn_calibrate_push(aminn_t *ctx, aminn_calibrator_t *calibrator, const aminn_state_t *before,
+                                    const float dx_ht[AMINN_N_WRENCH]);
+
+/* Standard deviation of the logarithm of factor i, 0 .. AMINN_N_FACTOR - 1, so far; one near the setting `prior` says that
+ * no push told it. 0 for another i, or null. */
+float aminn_calibrator_sd(const aminn_calibrator_t *calibrator, int i);
 
 /*
  * Closure Jacobians from joint angles, tool position and contacts.

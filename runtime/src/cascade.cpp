@@ -46,6 +46,11 @@ bool run_stage(aminn_t &ctx, int i, const Scene &scene, const aminn_input_t &in,
     if (debug) {
         store_springs(springs, ctx.stage[i]);
         ctx.stages_done |= 1u << i;
+        if constexpr (kTwisted) { // which is not shown, for find_slopes()
+            for (int b = 0; b < kBranch; ++b) {
+                ctx.layer_in[b] = of_branch(springs, kTwist, b);
+            }
+        }
     }
     return sound(in, ctx.stage[i], summary);
 }
@@ -78,6 +83,15 @@ bool run_cascade(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out)
     }
     out.condition = summary.condition;
     return out.p_stable >= 0.0F; // a number
+}
+
+bool run_motion(aminn_t &ctx, const aminn_input_t &in)
+{
+    Scene scene;
+    StaticsSummary summary;
+    make_network_input(*ctx.model, in, ctx);
+    make_scene(*ctx.model, in, scene);
+    return run_stage(ctx, 1, scene, in, summary);
 }
 
 } // namespace AMINN_CORE

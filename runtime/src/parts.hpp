@@ -23,6 +23,8 @@ aminn_status_t context_status(const aminn_t *ctx);
 #define AMINN_CORE_FUNCTIONS                                                                                \
     /* a prediction from a checked input; false if a stage's results are not sound */                       \
     bool run_cascade(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out);                           \
+    /* stage 2 alone, into ctx.stage[1]; false if its results are not sound */                              \
+    bool run_motion(aminn_t &ctx, const aminn_input_t &in);                                                 \
     /* what is wrong with the arithmetic of this core: a status of aminn_self_test, AMINN_OK for nothing */ \
     aminn_status_t probe_arithmetic();
 

@@ -223,6 +223,70 @@ static void numbers_out_of_range_have_names()
     TEST_ASSERT_EQUAL_STRING("none", aminn_field_name(AMINN_N_STATE));
 }
 
+/* a state with all branches in contact */
+static aminn_state_t made_up_state(uint32_t seed)
+{
+    aminn_input_t made;
+    aminn_state_t state;
+    make_input(seed, made);
+    std::memcpy(made.contacts, in.contacts, sizeof in.contacts);
+    std::memcpy(&state, &made, sizeof state);
+    return state;
+}
+
+static void motion(const float *theta, const aminn_state_t &state, float *dx)
+{
+    static aminn_calibration_t hand;
+    aminn_output_t out;
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_calibration_set(&hand, &model, theta));
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_calibrate(&ctx, &hand));
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict_state(&ctx, &state, &out));
+    std::memcpy(dx, out.dx_ht, sizeof out.dx_ht);
+}
+
+static double error_of_motion(const float *theta, const float *truth)
+{
+    double sum = 0;
+    for (uint32_t seed = 0; seed < 40; ++seed) {
+        const aminn_state_t state = made_up_state(seed);
+        float dx[AMINN_N_WRENCH], want[AMINN_N_WRENCH];
+        double off = 0, size = 0;
+        motion(theta, state, dx);
+        motion(truth, state, want);
+        for (int i = 0; i < AMINN_N_WRENCH; ++i) {
+            const double scale = i < 3 ? 1.0 : static_cast<double>(model.length_scale);
+            off += std::pow(scale * static_cast<double>(dx[i] - want[i]), 2);
+            size += std::pow(scale * static_cast<double>(want[i]), 2);
+        }
+        sum += std::sqrt(off / size);
+    }
+    return sum / 40;
+}
+
+/* of springs, tendons, contacts, and what soft fingertips resist, whatever of these the hand has */
+static void pushes_teach_the_hand()
+{
+    static aminn_calibrator_t calibrator;
+    const aminn_calibrator_settings_t settings = {0.5F, 1e-7F, 0.01F, 0.5F, 1.5F, 1.0F};
+    float truth[AMINN_N_THETA] = {};
+    const float nominal[AMINN_N_THETA] = {};
+    for (int i = 0; i < AMINN_N_FACTOR; ++i) {
+        truth[i] = i % 2 == 0 ? 0.3F : -0.2F;
+    }
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &model, AMINN_FLAG_ALWAYS_STAGE2));
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_calibrator_init(&calibrator, &model, nullptr, &settings));
+    for (uint32_t seed = 0; seed < 120; ++seed) {
+        const aminn_state_t state = made_up_state(seed);
+        float dx[AMINN_N_WRENCH];
+        motion(truth, state, dx);
+        TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_calibrate_push(&ctx, &calibrator, &state, dx));
+    }
+    const double before = error_of_motion(nominal, truth);
+    const double after = error_of_motion(calibrator.calibration.theta, truth);
+    std::printf("error of the predicted motion: %.3f nominal, %.4f after 120 pushes\n", before, after);
+    TEST_ASSERT_TRUE(before > 0.005 && after < 0.2 * before);
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -231,5 +295,6 @@ int main(void)
     RUN_TEST(the_closure_is_the_motion_of_the_contacts);
     RUN_TEST(a_state_is_predicted_from_as_with_its_closure);
     RUN_TEST(numbers_out_of_range_have_names);
+    RUN_TEST(pushes_teach_the_hand);
     return UNITY_END();
 }
