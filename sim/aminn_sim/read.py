@@ -73,6 +73,8 @@ def read_data(folder: AnyPath) -> SimulatedData:
     folder = Path(folder)
     try:
         manifest = read_json(folder / "manifest.json", "the manifest of a data set")
+        if manifest.get("origin") == "measured":
+            raise AminnError("it was measured, and this is for simulated data")
         require(folder / "manifest.json", manifest, MANIFEST_KEYS, "simulate the data set again")
         schema = groups_of(Hand.from_dict(manifest["hand"]), "theta_names" in manifest)
         groups: dict[str, list[dict[str, Array]]] = {group: [] for group in schema}

@@ -327,3 +327,17 @@ def test_contacts_that_no_topic_tells_are_left_to_the_fallbacks(lab_hand: Hand, 
     bag = record(tmp_path / "bag", "MCAP", messages(lab_hand, pushes))
     read = read_table(bag, lab_hand, LABELLED, as_map(tmp_path, map_text(lab_hand, contacts=False)))
     assert (read["contacts"][..., 0] == 1).all() and np.isnan(read["contacts"][..., 1:]).all()
+
+
+@pytest.mark.parametrize("error", [OverflowError("too large"), MemoryError(), IndexError("out of range")])
+def test_whatever_the_library_raises_is_one_line(
+    error: Exception, lab_hand: Hand, pushes: Arrays, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bag = record(tmp_path / "bag", "MCAP", messages(lab_hand, pushes))
+
+    def damaged(*_: object) -> object:
+        raise error
+
+    monkeypatch.setattr("aminn_table.bags.AnyReader.deserialize", damaged)
+    with pytest.raises(AminnError, match="bag: not a readable ROS 2 bag"):
+        read_table(bag, lab_hand, LABELLED, as_map(tmp_path, map_text(lab_hand)))

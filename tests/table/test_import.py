@@ -110,6 +110,8 @@ def test_importing_again_changes_nothing_and_other_data_are_refused(
     write_table(tmp_path / "other.csv", truth.hand, other)
     done = aminn("import", tmp_path / "other.csv", "--like", simulated, "--out", out, code=1)
     assert "holds another data set" in done.stderr
+    done = aminn("import", tables[".csv"], "--like", simulated, "--out", tmp_path / "new", "--table", "t.xls", code=1)
+    assert "t.xls: tables are .csv" in done.stderr and not (tmp_path / "new").exists()
     done = aminn("import", tables[".csv"], "--like", simulated, "--out", simulated, code=1)
     assert "holds another data set" in done.stderr
     assert bytes_of(out) == before
@@ -270,6 +272,8 @@ def test_export_takes_measured_data(own: Path, own_run: Path, tmp_path: Path) ->
 def test_what_only_a_simulator_knows_is_refused_by_name(own: Path, own_run: Path) -> None:
     data = load_dataset(own)
     assert data.taut() is None
+    done = aminn("simulate", "--out", own, "--card", code=1)
+    assert "it was measured, and this is for simulated data" in done.stderr
     with pytest.raises(AminnError, match="tool_family is known of simulated data alone"):
         regimes(data)
     prediction = learned(load_checkpoint(own_run), data, "aminn")

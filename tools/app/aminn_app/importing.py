@@ -13,7 +13,7 @@ from aminn.model.checkpoint import META, load_checkpoint
 from aminn_base.errors import AminnError
 from aminn_base.files import refuse_inputs
 from aminn_hand import Hand
-from aminn_table import Map, TableError, complete, read_map, read_table, write_table
+from aminn_table import Map, TableError, complete, format_of, read_map, read_table, write_table
 from aminn_table.columns import FORCE, LABELLED, MEASURED, ON, Arrays
 
 SHOWN_FAULTS = 30
@@ -53,7 +53,9 @@ def run_import(
     `echo` gets every fault of a table before the error is raised, and a line for each sensor that something stands in
     for. Nothing is written where a table has a fault. What was read is written to `table` as well, as one table.
     """
-    refuse_inputs(table, tables)
+    if table:
+        format_of(table)
+        refuse_inputs(table, tables)
     of, forces = hand_of(hand, like)
     by = read_map(map_file) if map_file else Map()
     measured = _together(tables, [_read(file, of, by, echo) for file in tables])

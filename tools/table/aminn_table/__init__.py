@@ -3,7 +3,7 @@
 from .checks import Fault, TableError, check
 from .columns import Column, columns_of
 from .fallbacks import complete
-from .files import FORMATS
+from .files import FORMATS, format_of
 from .mapping import Map, read_map
 from .read import read_table
 from .write import write_table
@@ -17,6 +17,7 @@ __all__ = [
     "check",
     "columns_of",
     "complete",
+    "format_of",
     "read_map",
     "read_table",
     "write_table",

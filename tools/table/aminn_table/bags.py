@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
@@ -15,9 +16,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Connection
-from rosbags.rosbag2 import ReaderError
 from rosbags.typesys import Stores, get_typestore
 
 from aminn_base.errors import AminnError
@@ -98,7 +98,8 @@ def read_bag(path: AnyPath, hand: Hand, by: Map) -> Raw:
     streams = _streams(path, hand, by)
     _read(path, streams, by)
     pushes = _pushes(path, streams, by)
-    return _columns(path, hand, by, {s.name: s for s in streams}, pushes)
+    with np.errstate(over="ignore", invalid="ignore"):  # of numbers that are faults themselves
+        return _columns(path, hand, by, {s.name: s for s in streams}, pushes)
 
 
 def _streams(path: Path, hand: Hand, by: Map) -> list[_Stream]:
@@ -300,38 +301,55 @@ class _Faults:
 
 def _read(path: Path, streams: list[_Stream], by: Map) -> None:
     """Fill the streams. Raises TableError with all faults of their messages."""
-    faults = _Faults()
-    try:
-        with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
-            topics = {c.topic: c for c in reader.connections}
-            _check_topics(path, streams, topics)
-            wanted = {s.topic for s in streams}
-            counts: dict[str, int] = dict.fromkeys(wanted, 0)
-            last: dict[str, tuple[int, int]] = {}
-            for connection, recorded, raw in reader.messages([c for c in reader.connections if c.topic in wanted]):
-                topic, number = connection.topic, counts[connection.topic]
-                counts[topic] += 1
-                message = reader.deserialize(raw, connection.msgtype)
-                stamp = _stamp(message, recorded, by)
-                if stamp is None:
-                    text = 'header has no stamp; tell clock.stamp = "recording" to go by the times of arrival'
-                    faults.add(topic, number, "stamp", text)
-                    continue
-                _check_clock(faults, topic, number, stamp, recorded, last.get(topic), by)
-                last[topic] = (stamp, recorded)
-                for stream in (s for s in streams if s.topic == topic):
-                    try:
-                        _check_frame(stream, message)
-                        row = stream.parse(message)
-                    except _Bad as bad:
-                        faults.add(topic, number, str(bad).split(" is ")[0].split(" has ")[0], str(bad))
-                        continue
-                    stream.take(number, stamp, row)
-    except (AnyReaderError, ReaderError, OSError, KeyError, ValueError, AssertionError, RuntimeError) as error:
-        text = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
-        raise AminnError(f"{path}: not a readable ROS 2 bag ({text}); record it again, or convert it") from error
+    faults, wanted = _Faults(), {s.topic for s in streams}
+    counts: dict[str, int] = dict.fromkeys(wanted, 0)
+    last: dict[str, tuple[int, int]] = {}
+    for topic, recorded, message in _messages(path, streams, wanted):
+        number = counts[topic]
+        counts[topic] += 1
+        stamp = _stamp(message, recorded, by)
+        if stamp is None:
+            text = 'header has no stamp; tell clock.stamp = "recording" to go by the times of arrival'
+            faults.add(topic, number, "stamp", text)
+            continue
+        _check_clock(faults, topic, number, stamp, recorded, last.get(topic), by)
+        last[topic] = (stamp, recorded)
+        for stream in (s for s in streams if s.topic == topic):
+            try:
+                _check_frame(stream, message)
+                stream.take(number, stamp, stream.parse(message))
+            except _Bad as bad:
+                faults.add(topic, number, str(bad).split(" is ")[0].split(" has ")[0], str(bad))
     if found := faults.all():
         raise TableError(str(path), found)
+    for stream in streams:
+        if not stream.stamps:
+            raise AminnError(f"{path}: topic {stream.topic} ({stream.name}) has no messages")
+
+
+def _messages(path: Path, streams: list[_Stream], wanted: set[str]) -> Iterator[tuple[str, int, Any]]:
+    """(topic, time of arrival, message) of the topics. Whatever the library raises of a damaged bag is AminnError."""
+    with ExitStack() as stack:
+        with _of_library(path):
+            reader = stack.enter_context(AnyReader([path], default_typestore=get_typestore(Stores.LATEST)))
+        _check_topics(path, streams, {c.topic: c for c in reader.connections})
+        every = reader.messages([c for c in reader.connections if c.topic in wanted])
+        while True:
+            with _of_library(path):
+                entry = next(every, None)
+                message = reader.deserialize(entry[2], entry[0].msgtype) if entry else None
+            if entry is None:
+                return
+            yield entry[0].topic, entry[1], message
+
+
+@contextmanager
+def _of_library(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except Exception as error:  # its own, apsw's, and those of numbers that lead nowhere
+        text = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+        raise AminnError(f"{path}: not a readable ROS 2 bag ({text}); record it again, or convert it") from error
 
 
 def _check_topics(path: Path, streams: list[_Stream], topics: dict[str, Connection]) -> None:
@@ -345,8 +363,6 @@ def _check_topics(path: Path, streams: list[_Stream], topics: dict[str, Connecti
             raise AminnError(
                 f"{path}: topic {stream.topic} ({stream.name}) has {found.msgtype}, expected {stream.kind}"
             )
-        if not found.msgcount:
-            raise AminnError(f"{path}: topic {stream.topic} ({stream.name}) has no messages")
 
 
 def _stamp(message: Any, recorded: int, by: Map) -> int | None:

@@ -107,7 +107,8 @@ def check(hand: Hand, arrays: Arrays, rows: Rows | None = None) -> list[Fault]:
     faults = [*_missing_numbers(hand, arrays, rows), *_flags(hand, arrays, rows)]
     if faults:
         return faults
-    return [f for look in LOOKS for f in look(hand, arrays, rows)]
+    with np.errstate(over="ignore", invalid="ignore"):  # of numbers that are faults themselves
+        return [f for look in LOOKS for f in look(hand, arrays, rows)]
 
 
 def _check_shapes(hand: Hand, arrays: Arrays) -> None:

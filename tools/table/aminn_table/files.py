@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -22,6 +23,14 @@ FRAME = "frame"
 MAGIC = {b"PAR1": "Parquet", b"\x89HDF\r\n\x1a\n": "HDF5"}
 FORMATS = {".csv": "CSV", ".parquet": "Parquet", ".h5": "HDF5", ".hdf5": "HDF5"}
 """Format of a file that is written, by the end of its name."""
+
+
+def format_of(path: AnyPath) -> str:
+    """Format of a table that is to be written. Raises AminnError where the end of its name says none."""
+    kind = FORMATS.get(Path(path).suffix.lower())
+    if kind is None:
+        raise AminnError(f"{path}: tables are {', '.join(FORMATS)}; give the file one of these ends")
+    return kind
 
 
 @dataclass(frozen=True)
@@ -82,25 +91,34 @@ def _read_csv(path: str, content: bytes) -> Raw:
 
 
 def _read_parquet(path: str, content: bytes) -> Raw:
+    columns, strange = {}, []
     try:
         table = pq.read_table(pa.BufferReader(content))
-    except (pa.ArrowException, OSError) as error:
+        names = table.column_names
+        for name, column in zip(names, table.columns, strict=True):
+            if not _is_text(column.type) and not _is_number(column.type):
+                strange.append(Fault(name, f"holds {column.type}, expected one number a row"))
+            elif _is_text(column.type):
+                columns[name] = np.array(column.to_pylist(), object)
+            elif pa.types.is_integer(column.type) and not column.null_count:
+                columns[name] = column.to_numpy()
+            else:
+                columns[name] = column.cast(pa.float64(), safe=False).to_numpy()
+        pairs = (table.schema.metadata or {}).items()
+    except (pa.ArrowException, OSError, ValueError) as error:
         raise AminnError(f"{path}: not a readable Parquet file ({_first_line(error)}); write it again") from error
-    if twice := sorted({n for n in table.column_names if table.column_names.count(n) > 1}):
+    if twice := sorted({name for name in names if names.count(name) > 1}):
         raise AminnError(f"{path}: two columns are called {twice[0]!r}; give each its own name")
-    columns, strange = {}, []
-    for name, column in zip(table.column_names, table.columns, strict=True):
-        kind = column.type
-        if pa.types.is_integer(kind) and not column.null_count:
-            columns[name] = column.to_numpy()
-        elif pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind):
-            columns[name] = column.cast(pa.float64(), safe=False).to_numpy()
-        elif pa.types.is_string(kind) or pa.types.is_large_string(kind) or pa.types.is_dictionary(kind):
-            columns[name] = np.array(column.to_pylist(), object)
-        else:
-            strange.append(Fault(name, f"holds {kind}, expected one number a row"))
-    told = {k.decode(errors="replace"): v.decode(errors="replace") for k, v in (table.schema.metadata or {}).items()}
+    told = {key.decode(errors="replace"): value.decode(errors="replace") for key, value in pairs}
     return Raw(path, columns, Rows.counted(table.num_rows), told, tuple(strange))
+
+
+def _is_number(kind: pa.DataType) -> bool:
+    return any(of(kind) for of in (pa.types.is_integer, pa.types.is_floating, pa.types.is_boolean, pa.types.is_decimal))
+
+
+def _is_text(kind: pa.DataType) -> bool:
+    return any(of(kind) for of in (pa.types.is_string, pa.types.is_large_string, pa.types.is_dictionary))
 
 
 def _read_hdf5(path: str, content: bytes) -> Raw:

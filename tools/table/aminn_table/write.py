@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -18,7 +17,7 @@ from aminn_base.read import AnyPath
 from aminn_hand import Hand
 
 from .columns import DTYPES, PALM, Arrays, column_of, columns_of, numbers, shapes_of
-from .files import FORMATS, FRAME
+from .files import FRAME, format_of
 
 
 def write_table(path: AnyPath, hand: Hand, arrays: Arrays) -> None:
@@ -27,10 +26,7 @@ def write_table(path: AnyPath, hand: Hand, arrays: Arrays) -> None:
     CSV and Parquet have a column a number, HDF5 an array a name. Columns that are NaN in every row are left out of CSV
     and Parquet. Raises AminnError for another name, WriteError where it cannot be written.
     """
-    path = Path(path)
-    kind = FORMATS.get(path.suffix.lower())
-    if kind is None:
-        raise AminnError(f"{path}: tables are {', '.join(FORMATS)}; give the file one of these ends")
+    kind = format_of(path)
     shapes = shapes_of(hand)
     if unknown := sorted(set(arrays) - set(shapes)):
         raise AminnError(f"{unknown[0]} is no array of a table; there are {', '.join(shapes)}")
