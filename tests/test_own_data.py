@@ -41,6 +41,7 @@ def test_the_page_leads_from_a_table_to_a_verified_model(place: Path) -> None:
         "python build/own/lab.py",
         "aminn import",
     ]
+    errors = []
     for line in lines:
         done = subprocess.run(shlex.split(line), cwd=place, capture_output=True, text=True)
         assert done.returncode == 0, f"{line}\n{done.stdout}{done.stderr}"
@@ -48,3 +49,6 @@ def test_the_page_leads_from_a_table_to_a_verified_model(place: Path) -> None:
             assert "no contact normals" in done.stdout and "180 pushes of 30 grasps" in done.stdout
         if "--split all" in line:
             assert "no measured push is known to it" in done.stdout
+            errors += [float(row.split()[7]) for row in done.stdout.splitlines() if row.startswith("aminn ")]
+    before, calibrated = errors
+    assert calibrated < before
