@@ -235,6 +235,16 @@ def test_the_formula_stands_beside_the_runs_with_theta_and_without(
     assert "analytical_nominal" not in evaluate(list(runs.values()), dataset).table
 
 
+def test_hands_that_the_training_saw_are_noted(varied: Dataset, told: dict[str, Checkpoint]) -> None:
+    """Grasps that share a hand stand on both sides of a split by grasp."""
+    runs = [told["aminn"]]
+    assert evaluate(runs, varied).notes == ()
+    hands = np.random.default_rng(8).uniform(-0.5, 0.5, (4, SIZE))
+    shared = replace(varied, samples=varied.samples | {"theta": hands[varied.samples["grasp_id"] % 4]})
+    assert evaluate(runs, shared).notes[0].startswith("4 of its 4 hands are hands of the training split too; ")
+    assert evaluate(runs, shared, "train").notes == ()
+
+
 def test_the_explanation_compares_with_the_hand_that_theta_describes(
     varied: Dataset, told: dict[str, Checkpoint]
 ) -> None:

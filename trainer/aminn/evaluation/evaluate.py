@@ -218,6 +218,8 @@ def evaluate(
     elif unsure:
         place = SPLIT_NAMES.get(split, f"{split} split")
         notes.append(f"its training grasps may stand in this {place}; give --trained-on to leave them out")
+    if split not in (ALL, "train") and any(same_configuration(c, dataset) for c in checkpoints):
+        notes += _hands_seen(dataset, data)
     if split == ALL:
         notes.append("the analytical model's bound of stability was chosen on these load cases themselves")
     for name, part in ((split, data), ("validation", validation)):
@@ -245,6 +247,22 @@ def _leak(checkpoint: Checkpoint, data: Dataset, split: str) -> tuple[str, bool]
         return f"{checkpoint.path} was trained on measured data, so that no simulated load case is known to it", False
     other = "other measured data" if data.measured else "data of another configuration or seed"
     return f"{checkpoint.path} was trained on {other}, of which grasps may be among these", True
+
+
+def _hands_seen(dataset: Dataset, data: Dataset) -> list[str]:
+    """What there is to say of simulated hands that both `data` and the training split have grasps of."""
+    if dataset.measured or not dataset.has_theta:
+        return []
+    train, own = (
+        {theta.tobytes() for theta in np.unique(part.samples["theta"], axis=0)}
+        for part in (dataset.split("train"), data)
+    )
+    if not own & train:
+        return []
+    return [
+        f"{len(own & train)} of its {len(own)} hands are hands of the training split too; for hands that no model was "
+        "trained on, simulate with another seed"
+    ]
 
 
 def _without_training(checkpoints: list[Checkpoint], data: Dataset, trained_on: Dataset) -> tuple[Dataset, int]:
