@@ -310,6 +310,9 @@ def test_damaged_bags_are_refused(name: str, lab_hand: Hand, pushes: Arrays, tmp
     (tmp_path / name).write_bytes(content[name.split(".")[0]])
     with pytest.raises(AminnError, match=name):
         read_table(tmp_path / name, lab_hand, LABELLED, as_map(tmp_path, map_text(lab_hand)))
+    (bag / "metadata.yaml").rename(tmp_path / "lost.yaml")
+    with pytest.raises(AminnError, match=r"bag: a folder without metadata\.yaml is no ROS 2 bag"):
+        read_table(bag, lab_hand, LABELLED, as_map(tmp_path, map_text(lab_hand)))
     (bag / "metadata.yaml").write_text("rosbag2_bagfile_information: {version: 9}\n")
     with pytest.raises(AminnError, match="not a readable ROS 2 bag"):
         read_table(bag, lab_hand, LABELLED, as_map(tmp_path, map_text(lab_hand)))

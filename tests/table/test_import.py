@@ -168,6 +168,27 @@ def test_pushes_without_a_label_count_as_held(truth: Dataset, simulated: Path, t
     assert data.samples["stable"].all()
 
 
+def test_pushes_that_all_held_teach_the_second_stage_alone(
+    truth: Dataset, own_run: Path, simulated: Path, tmp_path: Path
+) -> None:
+    held = truth.take(truth.samples["stable"] > 0)
+    imported(held, simulated, tmp_path, {}, drop=("stable",))
+    options = ["--data", tmp_path / "data", "--epochs", 3, "--no-tensorboard", "--out", tmp_path / "run"]
+    assert "give --finetune a run that knows them" in aminn("train", *options, code=1).stderr
+    aminn("train", *options, "--finetune", own_run)
+    before, after = load_checkpoint(own_run), load_checkpoint(tmp_path / "run")
+    changed = {
+        name.split(".")[0]
+        for name, weights in after.model.state_dict().items()
+        if not weights.equal(before.model.state_dict()[name])
+    }
+    assert changed == {"stage2"}
+    assert (after.meta["tau"], list(after.meta["history"])) == (before.meta["tau"], ["stage2"])
+    said = aminn("evaluate", "--data", simulated, "--run", tmp_path / "run").stdout
+    assert "went on from another run, whose training grasps may be among these" in said
+    aminn("report", "--data", tmp_path / "data", "--run", tmp_path / "run", "--out", tmp_path / "r.html")
+
+
 def test_theta_is_kept_for_each_grasp(truth: Dataset, simulated: Path, tmp_path: Path) -> None:
     names, grasp = Theta(truth.hand).names, truth.samples["grasp_id"]
     theta = np.where(grasp[:, None] % 3 == 1, 0.1, 0.0) * np.ones(len(names))

@@ -51,6 +51,10 @@ class Raw:
 
 def read_raw(path: AnyPath) -> Raw:
     """The columns of a file. Raises AminnError where it is none of the formats, or damaged."""
+    if Path(path).is_dir():
+        raise AminnError(
+            f"{path}: a folder without metadata.yaml is no ROS 2 bag; give its .mcap or .db3 file, or a table"
+        )
     content = read_bytes(path)
     if not content.strip():
         raise AminnError(f"{path}: is empty, expected a table of pushes")

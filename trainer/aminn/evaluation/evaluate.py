@@ -240,6 +240,8 @@ def _leak(checkpoint: Checkpoint, data: Dataset, split: str) -> tuple[str, bool]
     """What there is to say of a model's training grasps in a split of the data, and whether they may stand in it."""
     if same_configuration(checkpoint, data):
         return (f"{checkpoint.path} was trained on a part of these load cases", True) if split == ALL else ("", False)
+    if "finetuned" in checkpoint.meta:
+        return f"{checkpoint.path} went on from another run, whose training grasps may be among these", True
     learned_from_lab = checkpoint.meta.get("data", {}).get("simulator") == MEASURED
     if data.measured and not learned_from_lab:
         return f"{checkpoint.path} was trained on simulated data, so that no measured push is known to it", False

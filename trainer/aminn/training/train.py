@@ -335,7 +335,12 @@ class _Board:
                 self.writer.close()
 
 
-def _check_parts(parts: dict[str, Dataset]) -> None:
+def _check_parts(parts: dict[str, Dataset], finetune: Checkpoint | None) -> bool:
+    """Whether the parts say when a grasp gives way. Raises AminnError where they are too few to learn from.
+
+    Where every load case holds, a model that is fine-tuned keeps what it knows of that; another one cannot learn it.
+    """
+    decided = True
     for name, part in parts.items():
         make = "measure" if part.measured else "simulate"
         grasps, stable = len(np.unique(part.samples["grasp_id"])), int(part.samples["stable"].sum())
@@ -343,11 +348,14 @@ def _check_parts(parts: dict[str, Dataset]) -> None:
             raise AminnError(
                 f"the {name} split has {grasps} grasps, training needs {LEAST_GRASPS[name]} or more: {make} more"
             )
-        if stable == 0 or stable == len(part):
+        if stable == 0 or (stable == len(part) and finetune is None):
+            also = ", or give --finetune a run that knows them" if stable else ""
             raise AminnError(
                 f"the {name} split has {stable} stable of {len(part)} samples; training needs both outcomes: "
-                f"{make} more grasps"
+                f"{make} more grasps{also}"
             )
+        decided &= stable < len(part)
+    return decided
 
 
 def _finished(out: Path, identity: dict) -> Checkpoint | None:
@@ -375,7 +383,7 @@ def train(
     """Train on `dataset` and write the checkpoint and its model card to folder `out`.
 
     `finetune` is what to start from: its weights, normalisation and model settings. Its weights stay where no epoch is
-    better on validation data.
+    better on validation data; where every load case holds, stage 1 and tau stay what they are.
 
     Goes on with an unfinished run found there; a finished one of the same configuration and data is returned as is.
     `bar_position` is the line of the progress bar, for runs side by side; `tensorboard` writes curves to
@@ -383,7 +391,7 @@ def train(
     """
     out = Path(out)
     parts = {"train": dataset.split("train", config.train_fraction), "validation": dataset.split("validation")}
-    _check_parts(parts)
+    decided = _check_parts(parts, finetune)
     if finetune is not None:
         config = continued(config, finetune, dataset)
     identity = identity_of(config, dataset.sha256, finetune)
@@ -398,6 +406,7 @@ def train(
     if finetune is not None:
         model.load_state_dict(finetune.model.state_dict())
     stages = _stages(model, config, parts["train"], parts["validation"], new)
+    stages = stages if decided else stages[1:]
     least = {} if new else {stage.name: _validation_loss(stage) for stage in stages}
     with locked_folder(out):
         finished = _finished(out, identity)  # by another process meanwhile
@@ -405,7 +414,7 @@ def train(
             return finished
         resumed = load_run(out, identity)
         history = _optimise(model, stages, config, mirror, out, identity, resumed, bar_position, tensorboard, least)
-        meta = _result(model, parts, dataset)
+        meta = _result(model, parts, dataset, None if decided else finetune)
         meta |= {"seed": config.seed, "identity": identity, "history": history}
         if finetune is not None:
             trained_on = finetune.meta.get("identity", {}).get("data_sha256", "")
@@ -482,17 +491,21 @@ def _optimise(
     return progress["history"]
 
 
-def _result(model: Aminn | Mlp, parts: dict[str, Dataset], dataset: Dataset) -> dict:
-    """What is known of a trained model: its threshold, its figures on validation data, what it was trained on."""
+def _result(model: Aminn | Mlp, parts: dict[str, Dataset], dataset: Dataset, start: Checkpoint | None) -> dict:
+    """What is known of a trained model: its threshold, its figures on validation data, what it was trained on.
+
+    The threshold is that of `start`, where it is given.
+    """
     validation, manifest, length_m = parts["validation"], dataset.manifest, dataset.hand.length_m
     s, out = validation.samples, predict(model, validation)
     stable, error = s["stable"] > 0, pose_error(out["dx_ht"], s["dx_ht"], length_m)
-    tau = choose_tau(out["p_stable"], stable, error)
+    tau = choose_tau(out["p_stable"], stable, error) if start is None else float(start.meta["tau"])
     figures = all_figures(s["w_e"], s["dx_ht"], stable, out["dx_ht"], holds(out["p_stable"], tau), length_m)
     figures |= calibration_figures(out["p_stable"], stable)
     return {
         "tau": tau,
-        "operating_curve": operating_curve(out["p_stable"], stable, error),
+        "operating_curve": (start.meta if start else {}).get("operating_curve")
+        or operating_curve(out["p_stable"], stable, error),
         "validation": figures,
         "data": {
             "hand": dataset.hand.name,
