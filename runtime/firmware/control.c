@@ -65,7 +65,9 @@ int run_control(const char *frames)
     SYST_CVR = 0;
     for (i = 0; i < header.n; ++i) {
         aminn_input_t frame;
-        if (semihost_read(file, &frame, sizeof frame) != 0) {
+        float theta[AMINN_N_THETA]; /* not used here */
+        if (semihost_read(file, &frame, sizeof frame) != 0 ||
+            semihost_read(file, theta, vector_n_theta(&header) * sizeof *theta) != 0) {
             return fail(frames, "cannot read");
         }
         control_tick(&frame, &b);

@@ -25,6 +25,10 @@ enum { STACK_SAMPLES = 16 };
 static aminn_t ctx;
 static aminn_input_t in;
 static aminn_output_t out;
+#ifdef MODEL_TOLD
+static aminn_calibration_t calibration;
+static aminn_status_t theta_status = AMINN_OK;
+#endif
 
 static char command_line[512];
 static int vectors_file = -1, results_file = -1;
@@ -67,6 +71,11 @@ static const char *check_vectors(vector_header_t *header)
     if (error != NULL) {
         return error;
     }
+#ifndef MODEL_TOLD
+    if (vector_n_theta(header) != 0) {
+        return "has a theta for each sample, which this image's model is not told";
+    }
+#endif
     while (left > 0) {
         const uint32_t n = left < sizeof chunk ? left : (uint32_t)sizeof chunk;
         if (semihost_read(vectors_file, chunk, n) != 0) {
@@ -125,6 +134,13 @@ static aminn_status_t predict(uint32_t i, figures_t *f)
     if (i < STACK_SAMPLES) {
         stack_paint();
     }
+#ifdef MODEL_TOLD
+    if (theta_status != AMINN_OK) {
+        aminn_predict(&ctx, NULL, &out); /* leaves what an error leaves */
+        ++f->refused;
+        return theta_status;
+    }
+#endif
     start = SYST_CVR;
     status = aminn_predict(&ctx, &in, &out);
     ticks = ticks_since(start);
@@ -138,6 +154,27 @@ static aminn_status_t predict(uint32_t i, figures_t *f)
     return status;
 }
 
+/* reads a sample's theta, if it has one, and has the context use it; 1 if it cannot be read */
+static int take_theta(const vector_header_t *header)
+{
+#ifdef MODEL_TOLD
+    static float theta[AMINN_N_THETA];
+    if (vector_n_theta(header) == 0) {
+        return 0;
+    }
+    if (semihost_read(vectors_file, theta, sizeof theta) != 0) {
+        return 1;
+    }
+    theta_status = aminn_calibration_set(&calibration, &MODEL_SYMBOL, theta);
+    if (theta_status == AMINN_OK) {
+        theta_status = aminn_calibrate(&ctx, &calibration);
+    }
+#else
+    (void)header;
+#endif
+    return 0;
+}
+
 static int run(const vector_header_t *header, figures_t *f)
 {
     const uint32_t blank[sizeof(vector_header_t) / 4] = {0};
@@ -147,7 +184,7 @@ static int run(const vector_header_t *header, figures_t *f)
         return fail("results", "cannot write");
     }
     for (i = 0; i < n; ++i) {
-        if (semihost_read(vectors_file, &in, sizeof in) != 0) {
+        if (semihost_read(vectors_file, &in, sizeof in) != 0 || take_theta(header) != 0) {
             return fail("vectors", "cannot read");
         }
         if (store(n, i, predict(i, f), &crc) != 0) {

@@ -43,7 +43,16 @@ typedef struct prediction {
 } prediction_t;
 
 static aminn_t ctx;
-static aminn_input_t input;
+/* of a prediction: the input, and of a told model theta where the question has it */
+static struct {
+    aminn_input_t input;
+#ifdef MODEL_TOLD
+    float theta[AMINN_N_THETA];
+#endif
+} question;
+#ifdef MODEL_TOLD
+static aminn_calibration_t calibration;
+#endif
 static aminn_status_t self_test;
 
 /* a byte, or -1 after a silence */
@@ -130,11 +139,21 @@ static void answer_identity(uint32_t sequence)
     answer(KIND_IDENTITY, sequence, &who, sizeof who);
 }
 
-static void answer_prediction(uint32_t sequence)
+static void answer_prediction(uint32_t sequence, uint32_t length)
 {
     prediction_t prediction;
     aminn_output_t out;
-    prediction.status = aminn_predict(&ctx, &input, &out);
+#ifdef MODEL_TOLD
+    if (length == sizeof question) {
+        prediction.status =
+            predict_calibrated(&ctx, &MODEL_SYMBOL, &calibration, question.theta, &question.input, &out);
+        aminn_calibrate(&ctx, NULL);
+    } else
+#endif
+    {
+        prediction.status = aminn_predict(&ctx, &question.input, &out);
+    }
+    (void)length;
     result_row(&out, prediction.outputs);
     answer(KIND_PREDICT, sequence, &prediction, sizeof prediction);
 }
@@ -146,15 +165,17 @@ static void take_question(void)
     uint32_t crc;
     if (get_all(&header, sizeof header) != 0) {
         refuse(0, REFUSED_DAMAGED);
-    } else if (header.length > sizeof input || get_all(&input, header.length) != 0 || get_all(&crc, sizeof crc) != 0 ||
-               vector_crc(vector_crc(0, &header, sizeof header), &input, header.length) != crc) {
+    } else if (header.length > sizeof question || get_all(&question, header.length) != 0 ||
+               get_all(&crc, sizeof crc) != 0 ||
+               vector_crc(vector_crc(0, &header, sizeof header), &question, header.length) != crc) {
         refuse(header.sequence, REFUSED_DAMAGED);
     } else if (header.version != PROTOCOL) {
         refuse(header.sequence, REFUSED_VERSION);
     } else if (header.kind == KIND_IDENTITY && header.length == 0) {
         answer_identity(header.sequence);
-    } else if (header.kind == KIND_PREDICT && header.length == sizeof input) {
-        answer_prediction(header.sequence);
+    } else if (header.kind == KIND_PREDICT &&
+               (header.length == sizeof question.input || header.length == sizeof question)) {
+        answer_prediction(header.sequence, header.length);
     } else {
         refuse(header.sequence, REFUSED_KIND);
     }

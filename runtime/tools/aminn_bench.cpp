@@ -361,6 +361,9 @@ int main(int argc, char **argv)
     if (n_samples == 0) {
         die("%s: no samples", argv[2]);
     }
+    if (vector_n_theta(vectors) != 0) {
+        die("%s: samples with theta; give such as are of the nominal hand", argv[2]);
+    }
     for (const Products &p : kProducts) {
         weights.emplace_back(static_cast<size_t>(p.in) * static_cast<size_t>(p.out), 0.01F);
     }

@@ -70,7 +70,7 @@ static uint32_t predict_all(const aminn_model_t *model, const vector_header_t *v
     if (status != AMINN_OK) {
         die("%s: %s", aminn_status_name(status), aminn_status_text(status));
     }
-    return predict_rows(&ctx, vectors, rows, statuses);
+    return predict_rows(&ctx, model, vectors, rows, statuses);
 }
 
 static void write_results(const char *path, uint32_t n, float *rows, int32_t *statuses)

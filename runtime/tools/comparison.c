@@ -121,7 +121,7 @@ results_t predict_all(const aminn_model_t *model, const vector_header_t *vectors
     if (status != AMINN_OK) {
         die("%s: %s", aminn_status_name(status), aminn_status_text(status));
     }
-    predict_rows(&ctx, vectors, rows, statuses);
+    predict_rows(&ctx, model, vectors, rows, statuses);
     results.n = vectors->n;
     results.rows = rows;
     results.statuses = statuses;
@@ -411,7 +411,7 @@ static void judge_medians(verdict_t *verdict, double *shares, uint32_t capacity,
 void compare_within(verdict_t *verdict, const aminn_model_t *model, const vector_header_t *vectors, results_t got,
                     int on_demand)
 {
-    const float *want = (const float *)(vectors + 1) + (size_t)vectors->n * VECTOR_N_IN;
+    const float *want = (const float *)(vectors + 1) + (size_t)vectors->n * (VECTOR_N_IN + vector_n_theta(vectors));
     double *shares = calloc((size_t)(STABLE + 1) * vectors->n + 1, sizeof *shares);
     uint32_t counts[STABLE] = {0}, i;
     int output;

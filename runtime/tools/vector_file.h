@@ -24,10 +24,21 @@ typedef struct vector_header {
     uint32_t n;
     uint32_t n_in;
     uint32_t n_out;
-    uint32_t has_f64;
+    uint32_t also;  /* low half: 1 if there are float64 outputs; high half: numbers of theta of each sample */
     uint32_t crc;   /* CRC-32 of everything after the header */
     uint32_t model; /* of vectors: content_crc of the model that they are of, 0 if it is not known */
 } vector_header_t;
+
+static inline uint32_t vector_has_f64(const vector_header_t *h)
+{
+    return h->also & 0xFFFFu;
+}
+
+/* Numbers of theta behind each sample's input: 0, or AMINN_N_THETA. */
+static inline uint32_t vector_n_theta(const vector_header_t *h)
+{
+    return h->also >> 16;
+}
 
 /* Row of a result file. */
 static inline void result_row(const aminn_output_t *out, float row[RESULT_N_OUT])
@@ -36,20 +47,40 @@ static inline void result_row(const aminn_output_t *out, float row[RESULT_N_OUT]
     row[VECTOR_N_OUT] = (float)out->stable;
 }
 
-/* Predicts the samples behind the header of a vector file into rows (n x RESULT_N_OUT) and statuses (n); returns how many
- * were refused. */
-static inline uint32_t predict_rows(aminn_t *ctx, const vector_header_t *vectors, float *rows, int32_t *statuses)
+/* Uses a sample's theta, of which `cal` is filled in, and predicts. */
+static inline aminn_status_t predict_calibrated(aminn_t *ctx, const aminn_model_t *model, aminn_calibration_t *cal,
+                                                const float *theta, const aminn_input_t *in, aminn_output_t *out)
 {
-    const float *samples = (const float *)(vectors + 1);
+    aminn_status_t status = aminn_calibration_set(cal, model, theta);
+    status = status == AMINN_OK ? aminn_calibrate(ctx, cal) : status;
+    if (status != AMINN_OK) {
+        aminn_predict(ctx, NULL, out); /* leaves what an error leaves */
+        return status;
+    }
+    return aminn_predict(ctx, in, out);
+}
+
+/* Predicts the samples behind the header of a vector file into rows (n x RESULT_N_OUT) and statuses (n); returns how many
+ * were refused. `model` is that of ctx, which uses no calibration afterwards. */
+static inline uint32_t predict_rows(aminn_t *ctx, const aminn_model_t *model, const vector_header_t *vectors,
+                                    float *rows, int32_t *statuses)
+{
+    const uint32_t n_theta = vector_n_theta(vectors);
+    const float *sample = (const float *)(vectors + 1);
+    aminn_calibration_t cal;
     uint32_t i, refused = 0;
     for (i = 0; i < vectors->n; ++i) {
         aminn_input_t in;
         aminn_output_t out;
-        memcpy(&in, samples + (size_t)i * VECTOR_N_IN, sizeof in);
-        statuses[i] = aminn_predict(ctx, &in, &out);
+        memcpy(&in, sample, sizeof in);
+        sample += VECTOR_N_IN;
+        statuses[i] =
+            n_theta == 0 ? aminn_predict(ctx, &in, &out) : predict_calibrated(ctx, model, &cal, sample, &in, &out);
+        sample += n_theta;
         refused += statuses[i] != AMINN_OK;
         result_row(&out, rows + (size_t)i * RESULT_N_OUT);
     }
+    aminn_calibrate(ctx, NULL);
     return refused;
 }
 
@@ -87,7 +118,8 @@ static inline void vector_swap(void *words, size_t n)
 /* Bytes that follow the header of a vector file. */
 static inline uint64_t vector_payload(const vector_header_t *h)
 {
-    uint64_t per_sample = (uint64_t)(h->n_in + h->n_out) * 4u + (h->has_f64 ? (uint64_t)h->n_out * 8u : 0u);
+    uint64_t per_sample = ((uint64_t)h->n_in + vector_n_theta(h) + h->n_out) * 4u;
+    per_sample += vector_has_f64(h) ? (uint64_t)h->n_out * 8u : 0u;
     return (uint64_t)h->n * per_sample;
 }
 
@@ -100,7 +132,8 @@ static inline const char *vector_header_error(const vector_header_t *h, uint64_t
     if (h->version != VECTOR_VERSION) {
         return "a vector file of another version; export it again";
     }
-    if (h->n_in != VECTOR_N_IN || h->n_out != VECTOR_N_OUT || h->has_f64 > 1u) {
+    if (h->n_in != VECTOR_N_IN || h->n_out != VECTOR_N_OUT || vector_has_f64(h) > 1u ||
+        (vector_n_theta(h) != 0 && vector_n_theta(h) != AMINN_N_THETA)) {
         return "a vector file of other dimensions; export it again";
     }
     if (vector_payload(h) != payload) {
@@ -115,7 +148,7 @@ static inline const char *result_header_error(const vector_header_t *h, uint64_t
     if (h->magic != RESULT_MAGIC) {
         return "not a result file (wrong magic): the replay did not finish";
     }
-    if (h->version != VECTOR_VERSION || h->n_in != 0 || h->n_out != RESULT_N_OUT || h->has_f64 != 0 || h->model != 0) {
+    if (h->version != VECTOR_VERSION || h->n_in != 0 || h->n_out != RESULT_N_OUT || h->also != 0 || h->model != 0) {
         return "a result file of another version; replay again";
     }
     if ((uint64_t)h->n * (RESULT_N_OUT + 1u) * 4u != payload) {

@@ -13,6 +13,7 @@ from aminn_export.files.ranges import state_ranges
 from aminn_export.files.tables import HAND, STAGES, dims_of
 from aminn_export.samples.reference import Reference
 from aminn_hand.hand import Branch, ContactModel, Coordinate, Hand, Tendon
+from aminn_hand.theta import Theta
 from aminn_sim.open_hand import default_hand_file
 from aminn_sim.understand import understand
 
@@ -126,19 +127,22 @@ def _normalisers(x: dict[str, NDArray]) -> dict[str, NDArray]:
     return found
 
 
-def random_model(hand: Hand, seed: int = 0) -> Model:
+def random_model(hand: Hand, seed: int = 0, told: bool = False) -> Model:
     """Random weights on the hand's nominal mechanics; eps_m differs by branch and stage as the hand's does."""
     rng, (hc, h, hd) = np.random.default_rng(seed), WIDTHS
     x = random_states(hand, 200, seed + 1)
     tensors = _nominal(hand)
-    dims = dims_of(tensors)
+    dims = replace(dims_of(tensors), factors=Theta(hand).factors if told else 0)
     sizes = {"contact": (hc, dims.contact_input), "trunk1": (h, hc + dims.global_input), "trunk2": (h, h)}
     sizes["head"] = (dims.head, h)
     for stage in STAGES:
         for layer, shape in sizes.items():
             tensors[f"{stage}.{layer}_w"] = _random_table(rng, f"{layer}_w", shape)
             tensors[f"{stage}.{layer}_b"] = _random_table(rng, f"{layer}_b", shape[:1])
-        tensors |= {f"{stage}.{k}": v for k, v in _normalisers(x).items()}
+        found = _normalisers(x)
+        found["global_mean"] = np.append(found["global_mean"], np.full(dims.factors, 0.05))
+        found["global_inv_std"] = np.append(found["global_inv_std"], np.full(dims.factors, 3.0))
+        tensors |= {f"{stage}.{k}": v for k, v in found.items()}
     for layer, shape in {"cls1": (hd, h + dims.aux), "cls2": (1, hd)}.items():
         tensors[f"s1.{layer}_w"] = _random_table(rng, f"{layer}_w", shape)
         tensors[f"s1.{layer}_b"] = _random_table(rng, f"{layer}_b", shape[:1])
@@ -166,6 +170,9 @@ def random_model(hand: Hand, seed: int = 0) -> Model:
         HAND: hand.as_dict(),
         "branches": [b.name for b in hand.branches],
         "joints": list(hand.joints),
+        "told": told,
+        "theta_names": list(Theta(hand).names),
+        "theta_units": [p.unit for p in Theta(hand).parameters],
         "branch_joints": [list(row) for row in hand.coordinate_joints],
         "checkpoint_sha256": hashlib.sha256(f"random {hand.name} {seed}".encode()).hexdigest(),
     }

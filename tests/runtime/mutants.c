@@ -46,7 +46,7 @@ static int predict(const aminn_model_t *model, const vector_header_t *vectors, f
     if (aminn_init(&ctx, model, AMINN_FLAG_ALWAYS_STAGE2) != AMINN_OK) {
         return 0;
     }
-    predict_rows(&ctx, vectors, rows, statuses);
+    predict_rows(&ctx, model, vectors, rows, statuses);
     return 1;
 }
 

@@ -91,7 +91,7 @@ def _rounded(exported: BinModel, dataset: Dataset | None) -> tuple[BinModel, str
     rounded = float16_model(exported)
     if dataset is None:
         return rounded, "float16 weights: without a data set their error is not known"
-    e = rounding_error(exported, rounded, inputs_of(dataset))
+    e = rounding_error(exported, rounded, inputs_of(dataset, exported))
     return rounded, (
         f"float16 weights change dx_ht by {e['dx_relative_median']:.1e} of its size (median; "
         f"p99 {e['dx_relative_p99']:.1e}, largest {e['dx_relative_max']:.1e}), p_stable by at most "

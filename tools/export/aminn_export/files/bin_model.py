@@ -99,5 +99,6 @@ def read_bin_model(path: AnyPath) -> BinModel:
         "known_state": [float(v) for v in known_state],
         "eps_m": shortest(np.array([tensors[f"{stage}.eps_m"] for stage in STAGES])),
         "branch_joints": branch_joints(tensors),
+        "told": dims.factors > 0,
     }
     return BinModel(meta, tensors)

@@ -39,6 +39,10 @@ class GraphBuilder:
         """An int64 constant: axes, shapes, indices."""
         return self.constant(name, value, np.int64)
 
+    def default(self, name: str, value: ArrayLike) -> None:
+        """What an input is where nothing is given for it, which any caller may override."""
+        self.initializers.append(numpy_helper.from_array(np.asarray(value, np.float32), name))
+
     def op(self, kind: str, *inputs: str, name: str, **attributes: Any) -> str:
         """Append a node with one output and return that output's name (`name`, made unique)."""
         output = self._unique(name)

@@ -46,6 +46,7 @@ UNITS = {
     "contacts": "1, m (3), 1 (3), N",
     "j_x": "1, m",
     "j_q": "m/rad",
+    "theta": "1 (logarithms of factors), rad, m",
     "p_stable": "1",
     "dx_ht": "m, rad (rotation vector)",
     "k_x": "N/m, N/rad, N.m/rad",
@@ -55,7 +56,13 @@ UNITS = {
     "eps_jq": "m/rad",
 }
 
-HAND_KEYS = {"joint_order": "joints", "branch_order": "branches", "hand": HAND}
+HAND_KEYS = {
+    "joint_order": "joints",
+    "branch_order": "branches",
+    "hand": HAND,
+    "theta_names": "theta_names",
+    "theta_units": "theta_units",
+}
 """Metadata that names the hand, and what the exporter calls it."""
 
 Array = NDArray[np.float32]
@@ -80,6 +87,7 @@ def onnx_metadata(meta: dict) -> dict[str, str]:
         "dq0": meta["dq0"],
         "length_scale_m": meta["length_scale"],
         "log_range": meta["log_range"],
+        "told": bool(meta.get("told", False)),
         "branch_joints": [list(row) for row in meta["branch_joints"]],
     }
     # a binary model does not hold them
@@ -123,6 +131,9 @@ class _AminnGraph:
         self.s = self.g.constant("length_scaling", self.scale)
         gain = self.tensors.get("tendon_gain_nom", np.zeros(self.dims.branches, np.float32))
         self.has_tendon = (gain > 0)[:, None].astype(np.float32)  # (B, 1)
+        self.told: dict[str, str] = {}
+        """Of a told model what theta makes of nominal tables: chol (N, B, K), tendon_gain, twist (N, B, 1), root_soft
+        (N, B, 1, 1), and the factors that networks see (N, F)."""
 
     def both(self, name: str) -> Array:
         """A table of both stages, stacked: (2, ...)."""
@@ -176,7 +187,8 @@ class _AminnGraph:
         """f of both stages (S, N, H)."""
         g, both = self.g, self.both
         log = self.slog("w_e", self.tensors["wrench_log_scale"], "w_log")  # (N, 6)
-        z_g = g.op("Concat", "q", "x_ht", "w_e", log, name="z_g", axis=1)  # (N, G)
+        seen = [self.told["factors"]] if self.told else []
+        z_g = g.op("Concat", "q", "x_ht", "w_e", log, *seen, name="z_g", axis=1)  # (N, G)
         row = (slice(None), None)
         c = self.normalised(z_c, both("contact_mean")[row], both("contact_inv_std")[row], "z_c_norm")  # (S, N, Z)
         z = self.normalised(z_g, both("global_mean")[row], both("global_inv_std")[row], "z_g_norm")  # (S, N, G)
@@ -184,6 +196,68 @@ class _AminnGraph:
         joined = g.op("Concat", h1, z, name="h1_z_g", axis=2)  # (S, N, HC + G)
         h2 = self.dense(joined, both("trunk1_w"), both("trunk1_b")[row], "h2")  # (S, N, H)
         return self.dense(h2, both("trunk2_w"), both("trunk2_b")[row], "f")  # (S, N, H)
+
+    def whitened_terms(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """W (S, B, K) = L^-1 T L^-T of what each stiffness adds to springs L L^T; the map (B, K, K) from M to L M."""
+        t, dims = self.tensors, self.dims
+        rows, cols = np.transpose(dims.cholesky_entries)
+        shape = (dims.branches, dims.coordinates, dims.coordinates)
+        lower, terms = np.zeros(shape), np.zeros((dims.stiff, *shape))
+        lower[:, rows, cols] = t["chol_nom"]
+        terms[..., rows, cols] = terms[..., cols, rows] = t["theta_terms"][1:, :, :-1]
+        half = np.linalg.solve(lower, terms)
+        white = np.linalg.solve(lower, np.swapaxes(half, -1, -2))
+        product = np.zeros((dims.branches, dims.cholesky, dims.cholesky))
+        for k, (row, col) in enumerate(dims.cholesky_entries):
+            for out, (i, j) in enumerate(dims.cholesky_entries):
+                product[:, k, out] = lower[:, i, row] if j == col else 0.0
+        return np.asarray(white[..., rows, cols], float), product
+
+    def cholesky(self, packed: str) -> str:
+        """The packed Cholesky factor of packed matrices (N, B, K), written out."""
+        g, entries = self.g, self.dims.cholesky_entries
+        a = g.split(packed, [1] * len(entries), 2, [f"theta_a{i}{j}" for i, j in entries])
+        known, m = dict(zip(entries, a, strict=True)), dict[tuple[int, int], str]()
+        for i, j in sorted(entries):
+            left = known[i, j]
+            for k in range(j):
+                product = g.op("Mul", m[i, k], m[j, k], name=f"theta_p{i}{j}{k}")
+                left = g.op("Sub", left, product, name=f"theta_left{i}{j}{k}")
+            name = f"theta_m{i}{j}"
+            m[i, j] = g.op("Sqrt", left, name=name) if i == j else g.op("Div", left, m[j, j], name=name)
+        return g.op("Concat", *(m[entry] for entry in entries), name="theta_m", axis=2) if len(m) > 1 else m[0, 0]
+
+    def tell(self) -> None:
+        """What theta makes of nominal tables, from the input theta, which is the same for all where it has one row."""
+        g, t, dims = self.g, self.tensors, self.dims
+        branches, n = dims.branches, dims.cholesky
+        batch = g.op("Shape", "q", name="theta_batch", start=0, end=1)
+        rows = g.op("Concat", batch, g.index("one_row", [1]), name="theta_rows", axis=0)
+        every = g.op("Expand", "theta", rows, name="theta_of_each")  # (N, P)
+        factors, _ = g.split(every, [dims.factors, dims.joints + 1], 1, ["theta_factors", "theta_reading"])
+        stiff, soft = g.split(factors, [dims.stiff, branches], 1, ["theta_stiff", "theta_soft"])
+        one = g.constant("one", 1.0)
+        added = g.op("Sub", g.op("Exp", stiff, name="theta_factor"), one, name="theta_added")  # (N, S)
+        white, product = self.whitened_terms()
+        terms = np.concatenate([white, t["theta_terms"][1:, :, -1:]], -1).reshape(dims.stiff, branches * (n + 1))
+        moved = g.op("MatMul", added, g.constant("theta_terms", terms), name="theta_sums")
+        each = g.reshape(moved, [0, branches, n + 1], "theta_by_branch")
+        springs, gain = g.split(each, [n, 1], 2, ["theta_springs", "theta_gain"])
+        eye = np.array([float(i == j) for i, j in dims.cholesky_entries])
+        m = self.cholesky(g.op("Add", springs, g.constant("theta_eye", eye), name="theta_a"))
+        chol = g.op(
+            "MatMul", g.unsqueeze(m, [2], "theta_m_row"), g.constant("theta_product", product), name="theta_chol_row"
+        )
+        softer = g.reshape(g.op("Exp", soft, name="theta_softer"), [0, branches, 1], "theta_softer_col")
+        half = g.op("Mul", soft, g.constant("half", 0.5), name="theta_half_soft")
+        root_soft = g.reshape(g.op("Exp", half, name="theta_root_soft"), [0, branches, 1, 1], "theta_root_soft_col")
+        self.told = dict(factors=factors, chol=g.reshape(chol, [0, branches, n], "theta_chol"), root_soft=root_soft)
+        if dims.gates:
+            nominal = g.constant("tendon_gain_nom", t["tendon_gain_nom"][:, None])
+            self.told["tendon_gain"] = g.op("Add", nominal, gain, name="theta_tendon_gain")
+        if dims.twist:
+            nominal = g.constant("twist_nom", t["twist_nom"][:, None])
+            self.told["twist"] = g.op("Div", nominal, softer, name="theta_twist")
 
     def batch_checked(self, v: str, shape: tuple[int, ...], name: str) -> str:
         """v, of all inputs joined, as (S, N, *shape), N the smallest of their batches; fails if v has more.
@@ -232,7 +306,10 @@ class _AminnGraph:
             in_exp, off = g.split(squashed, pieces, 3, ["squashed_exp", "squashed_off"])
         log_reach = np.float32(self.meta["log_range"]) * np.concatenate(reach, 1)  # (B, C + 3)
         factor = g.op("Exp", g.op("Mul", in_exp, g.constant("log_reach", log_reach), name="log_factor"), name="factor")
-        centre = g.constant("nominal_positive", np.concatenate(nominal, 1))
+        if self.told:
+            centre = self.told_positive()
+        else:
+            centre = g.constant("nominal_positive", np.concatenate(nominal, 1))
         positive = g.op("Mul", factor, centre, name="positive")  # (S, N, B, C + 3)
         diag, rest = positive, []
         if dims.gates or dims.twist:
@@ -252,6 +329,18 @@ class _AminnGraph:
         rho = g.op("Add", rh, g.constant("rho_nom", t["gate_nom"][2]), name="rho")
         return found | dict(tendon_dir=direction, gain=gain, alpha=alpha, beta=beta, rho=rho)
 
+    def told_positive(self) -> str:
+        """What the head's factors scale, of theta (N, B, .): springs' diagonal, gain, alpha, twist."""
+        g, c = self.g, self.dims.coordinates
+        parts = [g.gather(self.told["chol"], range(c), 2, "theta_chol_diag")]
+        if self.dims.gates:
+            gain = self.told["tendon_gain"]
+            none = g.op("Sub", gain, gain, name="theta_zero_gain")
+            parts += [gain, g.op("Add", none, g.constant("alpha_nom", self.tensors["gate_nom"][0]), name="theta_alpha")]
+        if self.dims.twist:
+            parts.append(self.told["twist"])
+        return g.op("Concat", *parts, name="theta_positive", axis=2) if len(parts) > 1 else parts[0]
+
     def chol_packed(self, diag: str, off: str) -> str:
         """Packed L (S, N, B, .) from its diagonal (S, N, B, C) and the squashed corrections below it."""
         g, nom, mask, c = self.g, self.tensors["chol_nom"], self.tensors["coord_mask"], self.dims.coordinates
@@ -259,9 +348,18 @@ class _AminnGraph:
             return diag
         rows, cols = ([entry[i] for entry in self.dims.cholesky_entries[c:]] for i in (0, 1))
         live = mask[:, rows] * mask[:, cols]
-        size = np.sqrt(nom[:, rows] * nom[:, cols]) * live
-        scaled = g.op("Mul", off, g.constant("chol_off_size", size), name="chol_off_scaled")
-        lower = g.op("Add", scaled, g.constant("chol_off_nom", nom[:, c:] * live), name="chol_off")
+        if self.told:
+            chol, there = self.told["chol"], g.constant("chol_live", live)
+            left, right = (g.gather(chol, picks, 2, f"theta_chol_{name}") for name, picks in (("i", rows), ("j", cols)))
+            root = g.op("Sqrt", g.op("Mul", left, right, name="theta_chol_square"), name="theta_chol_size")
+            size = g.op("Mul", root, there, name="theta_off_size")
+            below = g.gather(chol, range(c, self.dims.cholesky), 2, "theta_chol_below")
+            centre = g.op("Mul", below, there, name="theta_off_nom")
+        else:
+            size = g.constant("chol_off_size", np.sqrt(nom[:, rows] * nom[:, cols]) * live)
+            centre = ""
+        scaled = g.op("Mul", off, size, name="chol_off_scaled")
+        lower = g.op("Add", scaled, centre or g.constant("chol_off_nom", nom[:, c:] * live), name="chol_off")
         return g.op("Concat", diag, lower, name="chol_packed", axis=3)
 
     def chol_inverse_t(self, springs: dict[str, str]) -> str:
@@ -359,12 +457,17 @@ class _AminnGraph:
         axes = self.g.index("axes", [axis])
         return self.g.op("ReduceSumSquare", rows, axes, name=f"{name}_squares", keepdims=1)
 
-    def beside(self, v: str, width: int, constant: NDArray[np.float64], name: str) -> str:
-        """[v | constant] along the last axis; v has `width` columns, all of the batch the same constant (S, ..., m)."""
+    def beside(self, v: str, width: int, constant: NDArray[np.float64], name: str, scale: str = "") -> str:
+        """[v | constant] along the last axis; v has `width` columns, all of the batch the same constant (S, ..., m).
+
+        The constant may have a scale, of each sample its own.
+        """
         g, rank = self.g, constant.ndim
         padded = g.op("Pad", v, g.index("pads", [0] * (2 * rank - 1) + [constant.shape[-1]]), name=f"{name}_padded")
         block = np.concatenate([np.zeros((*constant.shape[:-1], width)), constant], -1)
-        return g.op("Add", padded, g.constant(f"{name}_tail", block), name=f"{name}_full")
+        tail = g.constant(f"{name}_tail", block)
+        tail = g.op("Mul", tail, scale, name=f"{name}_scaled") if scale else tail
+        return g.op("Add", padded, tail, name=f"{name}_full")
 
     def closure(self, flag: str) -> None:
         """What both passes share of the inputs."""
@@ -387,6 +490,11 @@ class _AminnGraph:
             eps = eps[:, :1]
         return np.sqrt(eps)[:, None, :, None, None]
 
+    def by_softness(self, name: str, constant: NDArray[np.float64]) -> str:
+        """A constant over the root of eps_M: of a told model over that of the softness too."""
+        node = self.g.constant(name, constant)
+        return self.g.op("Div", node, self.told["root_soft"], name=f"theta_{name}") if self.told else node
+
     def contact(self, g_t: str, u: str | None) -> dict[str, str]:
         """Joints and contact in series, from G^T = B L^-T (S, N, B, 3, C) and the tendons' u = L^-1 d (S, N, B, 1, C).
 
@@ -397,13 +505,17 @@ class _AminnGraph:
         root_m = self.root_eps_m()
         stacked = g_t if u is None else g.op("Concat", g_t, u, name="g_u_t", axis=3)  # (S, N, B, 4, C)
         n = 3 if u is None else 4
-        full = self.beside(stacked, c, root_m * np.eye(n, 3), "g_t")  # (S, N, B, 4, C + 3), with its transpose: M
+        full = self.beside(
+            stacked, c, root_m * np.eye(n, 3), "g_t", self.told.get("root_soft", "")
+        )  # (S, N, B, 4, C + 3), with its transpose: M
         rest, done = self.gram_schmidt(full, n, 3, "m")
         rows = g.op("Concat", *done, *([rest] if u is None else []), name="m_rows", axis=3)  # (S, N, B, 3, C + 3)
         norm = g.op("Sqrt", self.squares(rows, 4, "m"), name="m_norm")  # (S, N, B, 3, 1)
         unit = g.op("Div", rows, norm, name="m_unit")
         _, tail = g.split(unit, [c, 3], 4, ["m_head", "m_tail"])
-        r_mt = g.op("Mul", tail, g.constant("m_scale", 1 / root_m), name="r_m_inverse_t")  # (S, N, B, 3, 3) R_M^-T
+        r_mt = g.op(
+            "Mul", tail, self.by_softness("m_scale", 1 / root_m), name="r_m_inverse_t"
+        )  # (S, N, B, 3, 3) R_M^-T
         y = g.op("MatMul", r_mt, self.a_s, name="y")  # (S, N, B, 3, 6)
         found = dict(g_t=g_t, r_mt=r_mt, y=y)
         if u is None:
@@ -411,7 +523,7 @@ class _AminnGraph:
         flat = [0, 0, self.dims.branches]
         rest_square = g.reshape(self.squares(rest, 4, "rest"), [*flat, 1], "rest_square")  # (S, N, B, 1)
         _, below = g.split(rest, [c, 3], 4, ["rest_head", "rest_tail"])  # (S, N, B, 1, 3)
-        force = g.op("Mul", below, g.constant("rest_scale", -1 / root_m), name="tendon_force")
+        force = g.op("Mul", below, self.by_softness("rest_scale", -1 / root_m), name="tendon_force")
         m = g.reshape(g.op("MatMul", force, self.a_s, name="m_row"), [*flat, N_WRENCH], "m")  # (S, N, B, 6)
         return found | dict(m=m, rest_square=rest_square)
 
@@ -560,6 +672,11 @@ class _AminnGraph:
         g, dims = self.g, self.dims
         flag, z_c = self.contact_input()
         self.closure(flag)
+        inputs = dict(dims.inputs)
+        if dims.factors:
+            inputs["theta"] = (dims.factors + dims.joints + 1,)
+            g.default("theta", np.zeros((1, *inputs["theta"])))
+            self.tell()
         f = self.features(z_c)
         springs = self.springs(f)
         l_it = self.chol_inverse_t(springs)
@@ -588,7 +705,7 @@ class _AminnGraph:
             values |= {} if gate is None else {"gate": gate}
             outputs |= self.debug_outputs(values)
         name = "aminn_debug" if debug else "aminn"
-        return g.model(name, dims.inputs, outputs, OPSET, IR_VERSION, onnx_metadata(self.meta))
+        return g.model(name, inputs, outputs, OPSET, IR_VERSION, onnx_metadata(self.meta))
 
     def passes(
         self, springs: dict[str, str], contact: dict[str, str], first: dict[str, str], dq0: str | None

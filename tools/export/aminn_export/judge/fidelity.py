@@ -48,7 +48,7 @@ class SquareRootReference(Reference):
     """The float64 model with the statics by QR factorisations: no stiffness is formed before it is solved with."""
 
     def _pass(self, stage: int, k_q: Array, twist: Array, x: dict[str, Array]) -> tuple[Array, Array, Array]:
-        root_m, eps_kx = np.sqrt(self.eps_m[stage])[:, None, None], pair_of(self.meta["eps_kx"])[stage]
+        root_m, eps_kx = np.sqrt(self.eps_m[stage] * x["softer"])[..., None, None], pair_of(self.meta["eps_kx"])[stage]
         n, s, n_b, n_c = len(k_q), self.s, self.b, self.c
         contact = np.sqrt(x["contacts"][..., 0])[..., None, None]  # (N, B, 1, 1)
         lower = np.linalg.cholesky(k_q)  # (N, B, C, C)

@@ -27,7 +27,7 @@ from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
 from aminn_base.read import AnyPath
 from aminn_base.run import run_program
-from aminn_hand.hand import INPUTS, LENGTH_M, OUTPUTS
+from aminn_hand.hand import LENGTH_M, OUTPUTS
 from aminn_rt.model import model_file
 
 from ..files.bin_model import BinModel, read_bin_model
@@ -39,7 +39,7 @@ from ..replay.engines import ENGINES, load_engine
 from ..replay.runtime_place import REPLAY_SOURCES, RuntimePlace, find_runtime
 from ..samples.golden import GOLDEN_FILE, inputs_of, run_onnx, single_thread_session
 from ..samples.reference import Reference
-from ..samples.vectors import Results, read_results, read_vectors, write_vectors
+from ..samples.vectors import THETA, Results, read_results, read_vectors, write_vectors
 from .identity import check_model_hand, misfits
 from .verdict import Failure, Verdict, compare_bits, compare_within, worst_first
 from .verdict_report import Case, shown
@@ -90,7 +90,7 @@ class Exact:
 
 
 # --- samples --------------------------------------------------------------------------------------------------------
-def samples_of_dataset(dataset: Dataset, min_samples: int | None = None) -> Samples:
+def samples_of_dataset(dataset: Dataset, min_samples: int | None = None, model: BinModel | None = None) -> Samples:
     """The test split first, then validation and training samples until there are `min_samples` (SAMPLES, or all)."""
     split = split_of(dataset.samples["grasp_id"])
     parts = [np.flatnonzero(split == SPLITS.index(name)) for name in ("test", "validation", "train")]
@@ -100,7 +100,9 @@ def samples_of_dataset(dataset: Dataset, min_samples: int | None = None) -> Samp
         raise AminnError(f"verify: {asked}; simulate more, or ask for fewer with --samples")
     index = order[: max(min_samples or SAMPLES, len(parts[0]))]
     grasp = dataset.samples["grasp_id"][index]
-    return Samples(inputs_of(dataset.take(index)), lambda i: f"grasp {grasp[i]}, sample {index[i]} of the data set")
+    return Samples(
+        inputs_of(dataset.take(index), model), lambda i: f"grasp {grasp[i]}, sample {index[i]} of the data set"
+    )
 
 
 def load_samples(source: AnyPath, min_samples: int | None = None, model: BinModel | None = None) -> Samples:
@@ -113,10 +115,14 @@ def load_samples(source: AnyPath, min_samples: int | None = None, model: BinMode
         dataset = load_dataset(source)
         if model is not None:
             check_model_hand(model, dataset, source)
-        samples = samples_of_dataset(dataset, min_samples)
+        samples = samples_of_dataset(dataset, min_samples, model)
     else:
         hand = None if model is None else dims_of(model.tensors)
         samples = Samples(read_vectors(source, hand).inputs, lambda i: f"sample {i} of {source.name}")
+        if hand is not None and THETA in samples.inputs and not hand.factors:
+            raise AminnError(
+                f"{source}: has a theta for each sample, which the model is not told; give vectors without"
+            )
     if not len(samples.inputs["q"]):
         raise AminnError(f"{source}: holds no sample: there is nothing to verify")
     return samples
@@ -264,7 +270,7 @@ def check_golden(export_dir: Path, model: BinModel) -> list[str]:
     if not golden.is_file():
         return []
     vectors = read_vectors(golden, dims_of(model.tensors))  # refuses a file whose CRC-32 is wrong
-    inputs = {name: vectors.inputs[name] for name in INPUTS}
+    inputs = vectors.inputs
     sources = {file: run_onnx(single_thread_session(export_dir / file), inputs) for file in (ONNX_FILE, DEBUG_FILE)
                if (export_dir / file).is_file()}  # fmt: skip
     pairs = [(file, _as_results(out, tau), vectors.reference) for file, out in sources.items()]
@@ -373,7 +379,7 @@ def run_verification(
     results: dict[str, Results] = {}
     with tempfile.TemporaryDirectory(prefix="aminn-verify-") as folder:
         vectors = Path(folder) / "vectors.bin"
-        write_vectors(vectors, {name: samples.inputs[name] for name in INPUTS}, exact.onnx)
+        write_vectors(vectors, samples.inputs, exact.onnx)
         for target, replay in replays.items():
             out = Path(folder) / f"{target}.bin"
             own_figures = replay(vectors, out)

@@ -23,7 +23,7 @@ from aminn_rt.blob import FORMAT_VERSION
 
 from ..files.bin_model import BinModel, model_crc
 from ..files.tables import dims_of
-from ..samples.vectors import pack, write_results
+from ..samples.vectors import THETA, pack, shapes_with, write_results
 from .serial_line import BAUD_NAME, Line, open_port
 
 __all__ = ["Identity", "ask", "check_identity", "identity_of", "open_port", "replay"]
@@ -234,7 +234,7 @@ def replay(line: Line, model: BinModel, inputs: dict[str, NDArray[np.float32]], 
     The board must run `model`: it is asked first.
     """
     hand = dims_of(model.tensors)
-    rows = pack(inputs, hand.inputs, "<f4")
+    rows = pack(inputs, shapes_with(hand, np.shape(inputs[THETA])[-1] if THETA in inputs else 0), "<f4")
     conversation = Conversation(line)
     check_identity(conversation, model)
     start = line.now()

@@ -15,9 +15,9 @@ from aminn_base.read import AnyPath
 from aminn_hand.hand import INPUTS, OUTPUTS
 
 from ..files.bin_model import model_crc
-from ..files.tables import Exported
+from ..files.tables import Exported, dims_of
 from .reference import Reference
-from .vectors import write_vectors
+from .vectors import THETA, write_vectors
 
 GOLDEN_FILE = "golden.bin"
 GOLDEN_SAMPLES = 200
@@ -44,6 +44,7 @@ def single_thread_session(model: AnyPath | bytes) -> ort.InferenceSession:
     options = ort.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.graph_optimization_level = OPTIMISATION_LEVEL
+    options.log_severity_level = 3  # not of a default that may be overridden
     source = model if isinstance(model, bytes) else Path(model).read_bytes()
     try:
         return ort.InferenceSession(source, options, providers=["CPUExecutionProvider"])
@@ -67,9 +68,14 @@ def run_onnx(session: ort.InferenceSession, inputs: dict[str, NDArray]) -> dict[
     return in_chunks(lambda chunk: dict(zip(names, session.run(names, chunk), strict=True)), inputs)
 
 
-def inputs_of(dataset: Dataset) -> dict[str, NDArray[np.float32]]:
-    """Model inputs of a data set, float32 as every runtime gets them."""
-    return {name: np.ascontiguousarray(dataset.samples[name], np.float32) for name in INPUTS}
+def inputs_of(dataset: Dataset, exported: Exported | None = None) -> dict[str, NDArray[np.float32]]:
+    """Model inputs of a data set, float32 as every runtime gets them; of a told model theta, zeros if none is told."""
+    samples = dataset.samples
+    inputs = {name: np.ascontiguousarray(samples[name], np.float32) for name in INPUTS}
+    if exported is not None and (dims := dims_of(exported.tensors)).factors:
+        shape = (len(inputs["q"]), dims.factors + dims.joints + 1)
+        inputs[THETA] = np.ascontiguousarray(samples.get(THETA, np.zeros(shape)), np.float32)
+    return inputs
 
 
 def spread(stable: NDArray, n: int) -> NDArray[np.int64]:
@@ -89,7 +95,7 @@ def write_golden(
     exported: Exported, onnx_file: AnyPath, dataset: Dataset, path: AnyPath, n: int = GOLDEN_SAMPLES
 ) -> int:
     """Write golden vectors of `dataset` to `path`; returns their number."""
-    inputs = inputs_of(dataset.take(spread(dataset.samples["stable"], n)))
+    inputs = inputs_of(dataset.take(spread(dataset.samples["stable"], n)), exported)
     outputs = run_onnx(single_thread_session(onnx_file), inputs)
     exact = Reference(exported)(inputs)
     write_vectors(path, inputs, outputs, {name: exact[name] for name in OUTPUTS}, model_crc(exported))

@@ -43,8 +43,37 @@ class Reference:
         self.gated = "tendon_gain_nom" in self.t
         """Whether the hand has gates at all."""
         self.eps_m = by_branch(self.meta["eps_m"], self.b)
+        self.stiff = len(self.t["theta_terms"]) - 1
+        self.factors = self.stiff + self.b
+        self.told = self.t["s1.global_mean"].size > self.t["coord_mask"].sum() + 18
+        """Whether networks see the factors."""
         if self.meta["dq0"] == "inverse" and self.c != 3:
             raise AminnError(f"model: dq0 'inverse' is for hands of 3 coordinates a branch, not {self.c}")
+
+    def varied(self, x: dict[str, Array]) -> dict[str, Array]:
+        """What theta (N, P), if x has it, makes of the tables that it changes, and what networks are told of it.
+
+        chol (N, B, K), tendon_gain (N, B), twist (N, B), softer (N, B): factor on eps_m, told (N, F); without theta 1
+        for N.
+        """
+        nominal, c = self.t["chol_nom"], self.c
+        found = dict(chol=nominal[None], tendon_gain=self.t.get("tendon_gain_nom", np.zeros(self.b))[None])
+        theta = x["theta"][:, : self.factors] if "theta" in x else np.zeros((1, self.factors))
+        factor = np.exp(theta)
+        softer = factor[:, self.stiff :]
+        if "theta" in x:
+            rows = [*range(c), *(i for i in range(c) for _ in range(i))]
+            cols = [*range(c), *(j for i in range(c) for j in range(i))]
+            lower, added = np.zeros((self.b, c, c)), np.zeros((len(theta), self.b, c, c))
+            lower[:, rows, cols] = nominal
+            terms = np.einsum("np,pbk->nbk", factor[:, : self.stiff] - 1, self.t["theta_terms"][1:])
+            added[..., rows, cols] = added[..., cols, rows] = terms[..., :-1]
+            k = lower @ np.swapaxes(lower, -1, -2) + added
+            found = dict(
+                chol=np.asarray(np.linalg.cholesky(k)[..., rows, cols], float),
+                tendon_gain=found["tendon_gain"] + terms[..., -1],
+            )
+        return found | dict(twist=self.t.get("twist_nom", np.zeros(self.b)) / softer, softer=softer, told=theta)
 
     def features(self, stage: str, x: dict[str, Array]) -> Array:
         """f (N, H)."""
@@ -54,31 +83,32 @@ class Reference:
         u = np.concatenate([c, c * x["contacts"][..., 1:], c * j_q], -1)  # (N, B, 8 + 3 C)
         z_c = (u.reshape(len(u), self.b * (8 + 3 * self.c)) - t["contact_mean"]) * t["contact_inv_std"]
         w_log = _slog(x["w_e"], self.t["wrench_log_scale"])
-        z_g = np.concatenate([x["q"], x["x_ht"], x["w_e"], w_log], -1)  # (N, J + 18)
+        told = [np.broadcast_to(x["told"], (len(u), self.factors))] if self.told else []
+        z_g = np.concatenate([x["q"], x["x_ht"], x["w_e"], w_log, *told], -1)  # (N, J + 18), (N, J + 18 + F)
         z_g = (z_g - t["global_mean"]) * t["global_inv_std"]
         h1 = _relu(z_c @ t["contact_w"].T + t["contact_b"])  # (N, HC)
         h2 = _relu(np.concatenate([h1, z_g], -1) @ t["trunk1_w"].T + t["trunk1_b"])  # (N, H)
         return _relu(h2 @ t["trunk2_w"].T + t["trunk2_b"])  # (N, H)
 
-    def springs(self, stage: str, f: Array) -> dict[str, Array]:
+    def springs(self, stage: str, f: Array, x: dict[str, Array]) -> dict[str, Array]:
         """k_spring (N, B, C, C), tendon_dir (N, B, C), tendon_gain (N, B), gate_params (N, B, 3), twist (N, B)."""
         t, r, n_b, n_c = self.t, float(self.meta["log_range"]), self.b, self.c
         y = f @ t[f"{stage}.head_w"].T + t[f"{stage}.head_b"]
         y = y.reshape(len(y), n_b, y.shape[1] // n_b)
-        nom, mask = t["chol_nom"], t["coord_mask"]
+        nom, mask = x["chol"], t["coord_mask"]
         chol = np.zeros((len(y), n_b, n_c, n_c))
         for i in range(n_c):
-            chol[..., i, i] = nom[:, i] * np.exp(r * np.tanh(y[..., i]) * mask[:, i])
+            chol[..., i, i] = nom[..., i] * np.exp(r * np.tanh(y[..., i]) * mask[:, i])
         at = n_c
         for i in range(n_c):
             for j in range(i):
-                size = np.sqrt(nom[:, i] * nom[:, j])
-                chol[..., i, j] = (nom[:, at] + size * np.tanh(y[..., at])) * mask[:, i] * mask[:, j]
+                size = np.sqrt(nom[..., i] * nom[..., j])
+                chol[..., i, j] = (nom[..., at] + size * np.tanh(y[..., at])) * mask[:, i] * mask[:, j]
                 at += 1
         k_spring = chol @ np.swapaxes(chol, -1, -2)
         twist = np.zeros((len(y), n_b))
         if "twist_nom" in t:  # the last of a branch's numbers
-            twist = t["twist_nom"] * np.exp(2 * r * np.tanh(y[..., -1]))
+            twist = x["twist"] * np.exp(2 * r * np.tanh(y[..., -1]))
             y = y[..., :-1]
         found = dict(k_spring=k_spring, twist=twist)
         if not self.gated:
@@ -88,14 +118,14 @@ class Reference:
         v = (t["tendon_dir_nom"] + y[..., at : at + n_c]) * mask * self.has_tendon[:, None]
         gain, alpha, beta, rho = np.moveaxis(y[..., at + n_c :], -1, 0)
         direction = v / np.sqrt((v * v).sum(-1, keepdims=True) + 1e-12)
-        gain = t["tendon_gain_nom"] * np.exp(r * np.tanh(gain))
+        gain = x["tendon_gain"] * np.exp(r * np.tanh(gain))
         alpha = gate_nom[0] * np.exp(r * np.tanh(alpha))
         gate_params = np.stack([alpha, gate_nom[1] * beta, gate_nom[2] + rho], -1)
         return found | dict(tendon_dir=direction, tendon_gain=gain, gate_params=gate_params)
 
     def _pass(self, stage: int, k_q: Array, twist: Array, x: dict[str, Array]) -> tuple[Array, Array, Array]:
         """(K_x (N, 6, 6), dx (N, 6), dq by statics (N, B, C)) for joint stiffness k_q (N, B, C, C), twist (N, B)."""
-        eps_m, eps_kx = self.eps_m[stage][:, None, None], pair_of(self.meta["eps_kx"])[stage]
+        eps_m, eps_kx = (self.eps_m[stage] * x["softer"])[..., None, None], pair_of(self.meta["eps_kx"])[stage]
         b, contact = -x["j_q"], x["contacts"][..., 0]
         c_bt = np.linalg.solve(k_q, np.swapaxes(b, -1, -2))  # (N, B, C, 3)
         wa = np.linalg.solve(b @ c_bt + eps_m * np.eye(3), x["j_x"] * contact[..., None, None])  # (N, B, 3, 6)
@@ -138,12 +168,13 @@ class Reference:
         return (hidden @ t["s1.cls2_w"].T + t["s1.cls2_b"])[:, 0]
 
     def __call__(self, inputs: dict[str, NDArray]) -> dict[str, Array]:
-        """All outputs of `aminn_debug.onnx`, float64."""
+        """All outputs of `aminn_debug.onnx`, float64; `inputs` may have theta (N, P)."""
         x = {name: np.asarray(value, np.float64) for name, value in inputs.items()}
+        x |= self.varied(x)
         out: dict[str, Array] = {}
         for i, stage in enumerate(STAGES):
             f = self.features(stage, x)
-            springs = self.springs(stage, f)
+            springs = self.springs(stage, f, x)
             response = self.mechanics(i, springs, x)
             springs.pop("twist")
             if stage == "s1":
