@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hands import HANDS, random_model, random_states
 from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError
@@ -18,6 +19,7 @@ from aminn_export.samples.vectors import Vectors
 from aminn_rt import Model, Note, Prediction
 from aminn_rt.compiled import runtime_for
 from aminn_rt.model import model_file
+from aminn_rt.status import MAX_LOG_FACTOR, MAX_RADIUS_M, MAX_ZERO_RAD, Status
 
 ROOT = Path(__file__).resolve().parents[2]
 GOLDEN = ROOT / "tests" / "golden"
@@ -131,6 +133,27 @@ def test_notes_and_displacements_of_what_does_not_hold(model: Model, states: Sta
     assert ((always.notes & Note.OUT_OF_RANGE) > 0)[outside].all()
 
 
+def test_theta_for_all_or_for_each(model: Model, states: States) -> None:
+    """Of every row as of that row alone, whatever stands before it and however many threads there are."""
+    rng, n = np.random.default_rng(1), len(states["q"])
+    names, plain = model.theta_names, model.predict(**states)
+    same(model.predict(**states, theta=np.zeros(len(names))), plain)
+    kinds = np.concatenate([np.full(model.dims.stiff + 3, 0.3), np.full(8, 0.02), [1e-3]])
+    theta = rng.uniform(-1, 1, (4, len(names)))[rng.integers(0, 4, n)] * kinds
+    theta[7, 0] = 9.0
+    found = model.predict(**states, theta=theta, always=True)
+    assert model.status_name(found.status[7]) == "AMINN_E_CALIBRATION" and np.isnan(found.dx_ht[7]).all()
+    assert np.count_nonzero(found.status) == 1
+    many = {name: np.resize(values, (1000, *values.shape[1:])) for name, values in states.items()}
+    for threads in (1, 3):
+        whole = model.predict(**many, theta=np.resize(theta, (1000, len(names))), always=True, threads=threads)
+        same(found, whole, slice(200, 400))
+    for row in (0, 7, 8, 150):
+        one = model.predict(**rows_of(states, slice(row, row + 1)), theta=theta[row], always=True)
+        same(one, found, slice(row, row + 1))
+    assert names[0].startswith("spring_") and names[-1] == "radius_tips"
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -185,8 +208,6 @@ def test_what_is_no_model_is_refused(tmp_path: Path) -> None:
 
 
 def test_models_of_several_hands_are_in_one_process(model: Model, states: States, tmp_path: Path) -> None:
-    from hands import HANDS, random_model, random_states
-
     before, hand = model.predict(**states), HANDS["gripper"]()
     write_model_files(random_model(hand), tmp_path, "aminn_model")
     other, x = Model.load(tmp_path), random_states(hand, 50)
@@ -197,3 +218,11 @@ def test_models_of_several_hands_are_in_one_process(model: Model, states: States
     ).outputs
     assert found.dx_ht.tobytes() == outputs[:, 1:7].tobytes()  # whether compiled quickly or for speed
     same(model.predict(**states), before)
+
+
+def test_numbers_that_stand_in_the_header_too() -> None:
+    header = (ROOT / "runtime" / "include" / "aminn_rt.h").read_text()
+    defined = {name: float(value) for name, value in re.findall(r"#define AMINN_(MAX_\w+) ([\d.]+)F", header)}
+    assert defined == {"MAX_LOG_FACTOR": MAX_LOG_FACTOR, "MAX_ZERO": MAX_ZERO_RAD, "MAX_RADIUS": MAX_RADIUS_M}
+    listed = dict(re.findall(r"X\(AMINN_(?:E_)?(\w+), (-?\d+),", header))
+    assert {s.name: str(s.value) for s in Status}.items() <= listed.items()

@@ -13,13 +13,9 @@ TESTS = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(TESTS / "runtime"), str(TESTS / "trainer")]
 
 from runtime_models import RandomModel, random_model  # noqa: E402
-from synthetic import hand, write_dataset  # noqa: E402
+from synthetic import write_dataset  # noqa: E402
+from untrained import untrained_run  # noqa: E402
 
-from aminn.data.dataset import load_dataset  # noqa: E402
-from aminn.model.checkpoint import save_checkpoint  # noqa: E402
-from aminn.model.config import TrainConfig  # noqa: E402
-from aminn.model.network import Aminn, ModelConfig  # noqa: E402
-from aminn.training.train import identity_of  # noqa: E402
 from aminn_export.export import write_model_files  # noqa: E402
 
 
@@ -57,11 +53,7 @@ def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def checkpoint_dir(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """An untrained AMINN that says it was trained on the made-up data set."""
-    folder, data = tmp_path_factory.mktemp("checkpoint") / "aminn", load_dataset(data_dir)
-    identity = identity_of(TrainConfig(), data.sha256)
-    meta = {"tau": 0.5173, "identity": identity, "data": {}, "data_config_sha256": data.manifest["config_sha256"]}
-    save_checkpoint(folder, Aminn(ModelConfig(), hand()), meta)
-    return folder
+    return untrained_run(tmp_path_factory.mktemp("checkpoint") / "aminn", data_dir)
 
 
 @pytest.fixture(scope="session")

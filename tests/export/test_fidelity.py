@@ -10,7 +10,7 @@ import pytest
 from runtime_models import RandomModel, closure, random_inputs
 
 from aminn_base.errors import AminnError
-from aminn_export.files.ranges import state_ranges, within_ranges
+from aminn_export.files.ranges import state_ranges
 from aminn_export.files.tables import dims_of
 from aminn_export.judge.fidelity import SquareRootReference, failures, missed
 from aminn_export.replay.targets import DISPATCHED, HOSTED, replay, replay_all
@@ -20,6 +20,7 @@ from aminn_export.samples.golden import run_onnx, single_thread_session
 from aminn_export.samples.reference import Reference
 from aminn_export.samples.vectors import read_results, write_vectors
 from aminn_hand.hand import OUTPUTS
+from aminn_rt.ranges import within_ranges
 
 
 def test_both_float64_forms_agree(exported: RandomModel) -> None:

@@ -39,6 +39,7 @@ QUICKLY = ("-DCMAKE_CXX_FLAGS_RELEASE=-O1 -DNDEBUG", "-DAMINN_RT_DISPATCH=OFF")
 ALWAYS_STAGE2, DEBUG = 1, 2
 """Flags of a context (aminn_rt.h)."""
 STAGES = 2
+THETA = "theta"
 
 Floats = NDArray[np.float32]
 Words = NDArray[np.uint32]
@@ -50,7 +51,7 @@ class _Rows(ctypes.Structure):
 
 
 class _Inputs(ctypes.Structure):
-    _fields_ = tuple((name, _Rows) for name in INPUTS)
+    _fields_ = tuple((name, _Rows) for name in (*INPUTS, THETA))
 
 
 class Results(NamedTuple):
@@ -86,6 +87,7 @@ class Library:
             ("aminn_status_name", text, (ctypes.c_int,)),
             ("aminn_status_text", text, (ctypes.c_int,)),
             ("aminn_field_name", text, (ctypes.c_int,)),
+            ("aminn_theta_name", text, (ctypes.c_int,)),
             ("aminn_version", text, ()),
         ):
             function = getattr(self._c, name)
@@ -109,6 +111,13 @@ class Library:
     def field_name(self, index: int) -> str:
         """Name of a number of `aminn_state_t`."""
         return str(self._c.aminn_field_name(index).decode())
+
+    @functools.cached_property
+    def theta_names(self) -> tuple[str, ...]:
+        """(P) in the order of theta; of a hand that the library was not made for by name they are numbered."""
+        dims = self.dims
+        n = dims.stiff + dims.branches + dims.joints + 1
+        return tuple(self._c.aminn_theta_name(i).decode() for i in range(n))
 
     def version(self) -> str:
         """Of the library."""
@@ -170,6 +179,11 @@ class Library:
             at += prod(shape)
         with self._opened(blob, ALWAYS_STAGE2 | DEBUG) as batch:
             return self.predict(batch, places, len(rows), stages=True)
+
+    def ranges_of(self, blob: bytes) -> tuple[Floats, Floats]:
+        """The same of a model that is not open. Raises ValueError if it is refused."""
+        with self._opened(blob) as batch:
+            return self.ranges(batch)
 
     def self_test(self, blob: bytes) -> int:
         """Status code of loading a model and of `aminn_self_test()`."""

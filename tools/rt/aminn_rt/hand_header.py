@@ -45,3 +45,9 @@ def hand_header(name: str, dims: Dims, joints: Sequence[str] = (), theta: Sequen
         + _names("AMINN_THETA_NAMES", "the numbers of theta, for aminn_theta_name().", theta)
         + "\n#endif\n"
     )
+
+
+def theta_names_in(text: str) -> tuple[str, ...]:
+    """Names of theta in a header."""
+    listed = re.search(r"#define AMINN_THETA_NAMES\(X\)((?:.*\\\n)*.*)", text)
+    return tuple(re.findall(r'X\("([^"]*)"\)', listed[1])) if listed else ()

@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aminn_base.errors import AminnError
-from aminn_base.read import AnyPath, read_bytes
+from aminn_base.read import AnyPath, read_bytes, read_text
 from aminn_hand.hand import OUTPUTS, STATE, Dims
 
 from .blob import check_blob, dims_in, names_in, tau_in
-from .compiled import ALWAYS_STAGE2, Refused, runtime_for
+from .compiled import ALWAYS_STAGE2, THETA, Refused, runtime_for
+from .hand_header import HAND_HEADER, theta_names_in
 
 Floats = NDArray[np.float32]
 OK = 0
@@ -68,13 +69,14 @@ class Model:
     loaded, and kept in the user's cache folder.
     """
 
-    def __init__(self, blob: bytes, source: AnyPath = "the model") -> None:
+    def __init__(self, blob: bytes, source: AnyPath = "the model", theta_names: Sequence[str] = ()) -> None:
         """Take a model from the bytes of an `aminn_model.bin`; `source` is what messages call it.
 
+        theta_names: of the hand's parameters, which the bytes do not tell.
         Raises AminnError where it is damaged, of another version, or no runtime of its hand can be had.
         """
         check_blob(blob, source)
-        self._blob, self._source = bytes(blob), str(source)
+        self._blob, self._source, self._theta_names = bytes(blob), str(source), tuple(theta_names)
         self._library = runtime_for(dims_in(blob, source), quickly=False)
         self._batches = {flags: self._open(flags) for flags in (0, ALWAYS_STAGE2)}
 
@@ -82,7 +84,8 @@ class Model:
     def load(path: AnyPath) -> Model:
         """The model in a file, or the one in a folder that `aminn export` wrote."""
         file = model_file(path)
-        return Model(read_bytes(file), file)
+        header = file.with_name(HAND_HEADER)
+        return Model(read_bytes(file), file, theta_names_in(read_text(header)) if header.is_file() else ())
 
     def _open(self, flags: int) -> int:
         try:
@@ -93,7 +96,7 @@ class Model:
         return batch
 
     def __reduce__(self) -> tuple:
-        return Model, (self._blob, self._source)
+        return Model, (self._blob, self._source, self._theta_names)
 
     def __repr__(self) -> str:
         return f"<aminn_rt.Model {self.name!r} of hand {self.hand!r}>"
@@ -122,6 +125,12 @@ class Model:
     def tau(self) -> float:
         """The grasp holds if `p_stable` reaches it."""
         return tau_in(self._blob)
+
+    @property
+    def theta_names(self) -> tuple[str, ...]:
+        """(P) mechanics parameters in their order; numbered where no `aminn_hand.h` beside the model names them."""
+        own = self._library.theta_names
+        return self._theta_names if len(self._theta_names) == len(own) else own
 
     @cached_property
     def ranges(self) -> dict[str, tuple[Floats, Floats]]:
@@ -155,6 +164,7 @@ class Model:
         contacts: ArrayLike,
         j_x: ArrayLike | None = None,
         j_q: ArrayLike | None = None,
+        theta: ArrayLike | None = None,
         *,
         threads: int = 0,
         always: bool = False,
@@ -166,6 +176,8 @@ class Model:
         closure Jacobians j_x (N, B, 3, 6) and j_q (N, B, 3, C) are computed where they are not given. An array without
         the leading dimension, or with one row, is the same for all states. `aminn_rt.h` draws frames and signs.
 
+        theta (N, P) or (P): by how much this hand differs from its description, in the order of `theta_names`; None is
+        nominal. Angles and contacts are corrected by it, but where j_x and j_q are given: these are of a state that is.
         threads: how many cores to use; 0: all. The numbers are the same bits however many.
         always: the displacement of grasps that are predicted not to hold as well: how far would the tool move if they
         did? Else it is NaN there, and costs no time.
@@ -178,7 +190,10 @@ class Model:
             raise AminnError("predict: give both j_x and j_q, or neither")
         if j_x is not None and j_q is not None:
             given |= {"j_x": j_x, "j_q": j_q}
-        n, arrays = rows_of(self.dims.inputs, given)
+        shapes = self.dims.inputs
+        if theta is not None:
+            given, shapes = given | {THETA: theta}, shapes | {THETA: (len(self.theta_names),)}
+        n, arrays = rows_of(shapes, given)
         places = {k: (v.ctypes.data, v[0].size if len(v) == n and n != 1 else 0) for k, v in arrays.items() if n}
         batch = self._batches[ALWAYS_STAGE2 if always else 0]
         outputs, _, status = self._library.predict(batch, places, n, _threads(threads))
@@ -213,17 +228,17 @@ def _threads(wanted: int) -> int:
 
 
 def rows_of(
-    shapes: Mapping[str, Sequence[int]], given: Mapping[str, ArrayLike]
-) -> tuple[int, dict[str, Floats]]:
-    """How many rows arrays have together, and each as float32 with all of them or one (all alike).
+    shapes: Mapping[str, Sequence[int]], given: Mapping[str, ArrayLike], dtype: type[np.floating] = np.float32
+) -> tuple[int, dict[str, NDArray]]:
+    """How many rows arrays have together, and each with all of them or one (all alike).
 
     Raises AminnError that names an array that is no numbers, of another shape or of another number of rows.
     """
-    arrays: dict[str, Floats] = {}
+    arrays: dict[str, NDArray] = {}
     for name, values in given.items():
         try:
             with np.errstate(over="ignore"):  # what is too large for it becomes infinite, and is refused
-                array = np.ascontiguousarray(values, np.float32)
+                array = np.ascontiguousarray(values, dtype)
         except (TypeError, ValueError) as error:
             raise AminnError(f"predict: {name} is no array of numbers ({error})") from error
         shape = tuple(shapes[name])
@@ -238,6 +253,13 @@ def rows_of(
         told = ", ".join(f"{name} {count}" for name, count in counts.items())
         raise AminnError(f"predict: arrays have different numbers of rows: {told}")
     return next(iter(counts.values()), 1), arrays
+
+
+def ranges_in(blob: bytes, source: AnyPath) -> dict[str, Floats]:
+    """`range_min` and `range_max` (S) of a model. Raises AminnError as `Model` does."""
+    check_blob(blob, source)
+    low, high = runtime_for(dims_in(blob, source)).ranges_of(blob)
+    return {"range_min": low, "range_max": high}
 
 
 def model_file(path: AnyPath) -> Path:

@@ -1,6 +1,7 @@
 #include "batch.h"
 
 #include <algorithm>
+#include <cstddef>
 #include <cstring>
 #include <memory>
 #include <new>
@@ -26,11 +27,42 @@ namespace {
 
 constexpr size_t kFewestRows = 64; // a thread takes as long to start as some dozen predictions
 
+// What a thread works with.
+struct Worker {
+    aminn_t ctx;
+    aminn_calibration_t calibration; // it stays where it is
+    aminn_status_t calibrated;
+};
+
 // One row's numbers into place.
 template <class T>
 void gather(const aminn_batch_rows_t &rows, size_t i, T &field)
 {
     std::memcpy(&field, rows.first + i * rows.step, sizeof field);
+}
+
+// Of a row whose theta cannot be: what the runtime gives after an error.
+aminn_status_t refuse(aminn_status_t status, aminn_output_t &out)
+{
+    std::memset(&out, 0xFF, offsetof(aminn_output_t, stable)); // NaN
+    out.p_stable = 0.0F;
+    out.stable = 0;
+    out.notes = 0;
+    return status;
+}
+
+// Use a row's theta; the one before it, where they are the same.
+aminn_status_t calibrate(const aminn_batch_t &batch, Worker &worker, const aminn_batch_rows_t &theta, size_t i,
+                         bool first)
+{
+    const float *own = theta.first + i * theta.step;
+    if (first || (theta.step != 0 && std::memcmp(own, own - theta.step, AMINN_N_THETA * sizeof *own) != 0)) {
+        worker.calibrated = aminn_calibration_set(&worker.calibration, &batch.model, own);
+        if (worker.calibrated == AMINN_OK) {
+            worker.calibrated = aminn_calibrate(&worker.ctx, &worker.calibration);
+        }
+    }
+    return worker.calibrated;
 }
 
 aminn_status_t predict(aminn_t &ctx, const aminn_batch_inputs_t &inputs, size_t i, aminn_output_t &out)
@@ -91,10 +123,17 @@ void aminn_batch_predict(const aminn_batch_t *batch, const aminn_batch_inputs_t 
 {
     const size_t parts = std::max<size_t>(1, std::min<size_t>(threads, n / kFewestRows));
     const auto work = [=](size_t part) noexcept {
-        aminn_t ctx = batch->ctx;
-        for (size_t i = n * part / parts; i < n * (part + 1) / parts; ++i) {
-            statuses[i] = predict(ctx, *inputs, i, outputs[i]);
-            const aminn_stage_debug_t *first = stages == nullptr ? nullptr : aminn_debug(&ctx, 0);
+        Worker worker = {};
+        worker.ctx = batch->ctx;
+        const size_t begin = n * part / parts;
+        for (size_t i = begin; i < n * (part + 1) / parts; ++i) {
+            aminn_status_t status = AMINN_OK;
+            if (inputs->theta.first != nullptr) {
+                status = calibrate(*batch, worker, inputs->theta, i, i == begin);
+            }
+            statuses[i] = status == AMINN_OK ? predict(worker.ctx, *inputs, i, outputs[i]) : refuse(status, outputs[i]);
+            const aminn_stage_debug_t *first =
+                stages == nullptr || status != AMINN_OK ? nullptr : aminn_debug(&worker.ctx, 0);
             if (first != nullptr) { // the second lies behind it
                 std::memcpy(stages + i * AMINN_N_STAGE, first, AMINN_N_STAGE * sizeof *stages);
             }

@@ -24,7 +24,8 @@ typedef struct aminn_batch_rows {
     size_t step;
 } aminn_batch_rows_t;
 
-/* Rows of aminn_state_t, or of aminn_input_t where j_x and j_q are not null, field by field. */
+/* Rows of aminn_state_t, or of aminn_input_t where j_x and j_q are not null, field by field; and, where it is not null, of
+ * theta. */
 typedef struct aminn_batch_inputs {
     aminn_batch_rows_t q;
     aminn_batch_rows_t x_ht;
@@ -32,6 +33,7 @@ typedef struct aminn_batch_inputs {
     aminn_batch_rows_t contacts;
     aminn_batch_rows_t j_x;
     aminn_batch_rows_t j_q;
+    aminn_batch_rows_t theta;
 } aminn_batch_inputs_t;
 
 /*
@@ -47,7 +49,8 @@ void aminn_batch_close(aminn_batch_t *batch);
 void aminn_batch_ranges(const aminn_batch_t *batch, float *smallest, float *largest);
 
 /*
- * Predict n rows, each as aminn_predict_state() or aminn_predict() does, so that the number of threads changes no bit.
+ * Predict n rows, each as aminn_predict_state() or aminn_predict() does, so that the number of threads changes no bit. A row's
+ * theta is set with aminn_calibration_set(), which says so first where it cannot be.
  *
  *   threads   at most so many, 1 or more; fewer where there are few rows.
  *   outputs   (n) written.

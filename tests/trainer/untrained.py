@@ -1,0 +1,21 @@
+"""Checkpoints without training, which say that they were trained on a made-up data set."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from synthetic import hand
+
+from aminn.data.dataset import load_dataset
+from aminn.model.checkpoint import build_model, save_checkpoint
+from aminn.model.config import ModelConfig, TrainConfig
+from aminn.training.train import identity_of
+
+
+def untrained_run(folder: Path, data_dir: Path, kind: str = "aminn", told: bool = False) -> Path:
+    """A run of the made-up hand in `folder`."""
+    data = load_dataset(data_dir)
+    identity = identity_of(TrainConfig(), data.sha256)
+    meta = {"tau": 0.5173, "identity": identity, "data": {}, "data_config_sha256": data.manifest["config_sha256"]}
+    save_checkpoint(folder, build_model(kind, ModelConfig(told=told), hand()), meta)
+    return folder
