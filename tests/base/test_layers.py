@@ -27,7 +27,7 @@ FLOORS = (
     ("aminn_app",),
 )
 ROOMS = {
-    "aminn": ("hand", "model", "data", "evaluation", "training", "calibration", "pages"),
+    "aminn": ("hand", "model", "data", "evaluation", "training", "calibration", "prediction", "pages"),
     "aminn_export": ("files", "samples", "replay", "judge", "export"),
 }
 

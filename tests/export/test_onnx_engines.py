@@ -13,13 +13,13 @@ import pytest
 from onnx import TensorProto, helper
 from runtime_models import RandomModel, random_inputs, random_model
 
+from aminn.prediction import onnx_session
 from aminn_base.errors import AminnError
 from aminn_export.files.head import TANH, head_order
 from aminn_export.files.onnx_model import IR_VERSION, OPSET, build_onnx
 from aminn_export.files.tables import dims_of
 from aminn_export.judge.verify import scaled_norm
 from aminn_export.replay.engines import ENGINES, load_engine
-from aminn_export.samples import golden
 from aminn_export.samples.golden import run_onnx, single_thread_session
 from aminn_export.samples.vectors import Vectors, read_vectors
 
@@ -71,7 +71,7 @@ def test_too_old_onnxruntime_is_refused(version: str, monkeypatch: pytest.Monkey
 
 def test_oldest_onnxruntime_is_the_one_that_pip_is_told() -> None:
     requirements = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dependencies"]
-    assert "onnxruntime>=" + ".".join(map(str, golden.ONNXRUNTIME_AT_LEAST)) in requirements
+    assert "onnxruntime>=" + ".".join(map(str, onnx_session.ONNXRUNTIME_AT_LEAST)) in requirements
 
 
 def _one_operator(kind: str, x: np.ndarray) -> np.ndarray:

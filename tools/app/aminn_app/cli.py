@@ -391,6 +391,48 @@ def export(checkpoint: Path, data: Path, out: Path, prefix: str, name: str | Non
         click.echo(line)
 
 
+@main.command()
+@click.argument("table")
+@click.option("--run", type=EXISTING, help="Folder of a checkpoint that `aminn train` wrote.")
+@click.option("--export", "export_dir", type=EXISTING, help="Folder that `aminn export` wrote.")
+@click.option(
+    "--engine",
+    type=click.Choice(["torch", "onnx", "runtime"]),
+    default=None,
+    help="PyTorch, ONNX Runtime or the compiled runtime  [default: torch of a run, runtime of an export]",
+)
+@click.option("--calibration", type=READABLE, help="What `aminn calibrate` found of this very hand.")
+@click.option("--map", "map_file", type=READABLE, help="TOML file: where the table has what is called otherwise.")
+@click.option("--threads", type=click.IntRange(1), default=None, help="Cores to use  [default: all]")
+@click.option("--out", type=NEW_FILE, help="Write table and predictions here: .csv, .parquet, .h5 or .jsonl.")
+def predict(
+    table: str,
+    run: Path | None,
+    export_dir: Path | None,
+    engine: str | None,
+    calibration: Path | None,
+    map_file: Path | None,
+    threads: int | None,
+    out: Path | None,
+) -> None:
+    """Predict whether grasps hold, and how far the tool moves, for every row of a table.
+
+    TABLE is a CSV, Parquet, HDF5 or JSON-lines file of states (docs/own-data.md lists the columns), a ROS 2 bag, a data
+    set folder, "-" for standard input, or one state as JSON: '{"q": [...], "x_ht": [...], "w_e": [...], "contacts":
+    [[...], ...]}'. Without --out predictions are printed as JSON, a line a row.
+
+    The columns are the same whatever evaluates the model. A row that cannot be predicted from stays in its place:
+    status and notes say why, its numbers are empty.
+    """
+    from .predicting import run_prediction
+
+    if (run is None) == (export_dir is None):
+        raise click.UsageError("give --run or --export")
+    model = run or export_dir
+    assert model is not None
+    run_prediction(model, table, out, engine, calibration, map_file, threads or 0)
+
+
 @main.command(cls=Judges)
 @click.option("--export", "export_dir", type=EXISTING, required=True, help="Folder that `aminn export` wrote.")
 @click.option("--data", type=FILE_OR_FOLDER, required=True, help="Data set, or vector file, to replay.")

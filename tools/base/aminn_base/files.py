@@ -44,7 +44,7 @@ def write_atomically(path: str | os.PathLike[str], content: bytes) -> None:
 
 def write_json(path: str | os.PathLike[str], value: dict) -> None:
     """Write a JSON file with sorted keys, as `write_atomically`. A figure that is not finite becomes null."""
-    write_atomically(path, (json.dumps(_finite(value), indent=1, sort_keys=True, allow_nan=False) + "\n").encode())
+    write_atomically(path, (json.dumps(finite(value), indent=1, sort_keys=True, allow_nan=False) + "\n").encode())
 
 
 def same_place(a: Path, b: Path) -> bool:
@@ -216,10 +216,10 @@ def _write_all(descriptor: int, content: bytes) -> None:
         rest = rest[os.write(descriptor, rest) :]
 
 
-def _finite(value: object) -> object:
+def finite(value: object) -> object:
     """The value with null for every float that is not finite."""
     if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
+        return {k: finite(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(v) for v in value]
+        return [finite(v) for v in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -26,7 +26,7 @@ LABELLED = (*PUSH, "grasp_id")
 """What a data set needs."""
 MEASURED = ("time_s", "grasp_id", "q", "x_ht", "w_e", "contacts", "dx_ht", "stable", "theta")
 """Arrays that a lab gives."""
-RESULTS = ("p_stable", "holds", "pred_dx_ht", "notes")
+RESULTS = ("p_stable", "holds", "pred_dx_ht", "notes", "status")
 """Arrays that predictions add."""
 
 Place = tuple[int, ...]
@@ -261,6 +261,15 @@ GROUPS = (
         "results",
         _one("notes"),
     ),
+    Group(
+        "status",
+        "status",
+        "integer",
+        "",
+        "predicted: 0, or why nothing could be: a status code of `aminn_rt.h`, whose meaning `notes` says",
+        "results",
+        _one("status"),
+    ),
 )
 
 
@@ -286,12 +295,12 @@ def shapes_of(hand: Hand) -> dict[str, tuple[int, ...]]:
         "holds": (),
         "pred_dx_ht": (N_WRENCH,),
         "notes": (),
+        "status": (),
     }
 
 
-DTYPES = {
-    name: np.dtype(kind) for name, kind in {"grasp_id": "i8", "stable": "u1", "holds": "u1", "notes": "O"}.items()
-}
+_KINDS = {"grasp_id": "i8", "stable": "u1", "holds": "u1", "notes": "O", "status": "i8"}
+DTYPES = {name: np.dtype(kind) for name, kind in _KINDS.items()}
 """Of arrays that are not float64."""
 
 

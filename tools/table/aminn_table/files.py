@@ -1,9 +1,10 @@
-"""Files of tables: CSV, Parquet and HDF5, told apart by what they hold, as named columns."""
+"""Files of tables: CSV, Parquet, HDF5 and lines of JSON, told apart by what they hold, as named columns."""
 
 from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -11,17 +12,17 @@ import h5py
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from aminn_base.errors import AminnError
-from aminn_base.read import AnyPath, read_bytes, read_text
+from aminn_base.read import AnyPath, json_object, read_bytes, read_text
 
 from .checks import Fault, Rows
 
 FRAME = "frame"
 """What a file may say of itself: `frame = H`, or of one array `frame.w_e = tool`."""
 MAGIC = {b"PAR1": "Parquet", b"\x89HDF\r\n\x1a\n": "HDF5"}
-FORMATS = {".csv": "CSV", ".parquet": "Parquet", ".h5": "HDF5", ".hdf5": "HDF5"}
+FORMATS = {".csv": "CSV", ".parquet": "Parquet", ".h5": "HDF5", ".hdf5": "HDF5", ".jsonl": "JSON"}
 """Format of a file that is written, by the end of its name."""
 
 
@@ -55,11 +56,58 @@ def read_raw(path: AnyPath) -> Raw:
         raise AminnError(
             f"{path}: a folder without metadata.yaml is no ROS 2 bag; give its .mcap or .db3 file, or a table"
         )
-    content = read_bytes(path)
+    return raw_of(path, read_bytes(path))
+
+
+def raw_of(path: AnyPath, content: bytes) -> Raw:
+    """The columns in what a file holds; `path` is what messages call it."""
     if not content.strip():
         raise AminnError(f"{path}: is empty, expected a table of pushes")
     kind = next((kind for magic, kind in MAGIC.items() if content.startswith(magic)), "CSV")
+    if content.lstrip().startswith(b"{"):
+        return from_json(str(path), read_text(path, content))
     return {"CSV": _read_csv, "Parquet": _read_parquet, "HDF5": _read_hdf5}[kind](str(path), content)
+
+
+def from_json(source: str, text: str) -> Raw:
+    """A line a row: an object of columns, or of arrays of the design's names."""
+    lines = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip()]
+    rows: list[dict] = []
+    for k, line in lines:
+        try:
+            rows.append(json_object(line))
+        except ValueError as error:
+            raise AminnError(f"{source}: line {k}: {error}") from error
+        if rows[-1].keys() != rows[0].keys():
+            other = sorted(rows[-1].keys() ^ rows[0].keys())[0]
+            raise AminnError(f"{source}: line {k}: {other} is told in some lines and not in others")
+    columns: dict[str, NDArray] = {}
+    for name in rows[0] if rows else ():
+        columns |= _spread(name, _values_of(source, name, [row[name] for row in rows]), None)
+    return Raw(source, columns, Rows("line", np.array([k for k, _ in lines], np.int64)))
+
+
+def _values_of(source: str, name: str, values: list) -> NDArray:
+    """Numbers or texts of all lines (n, ...)."""
+    if any(isinstance(v, str) for v in values):
+        return np.array(values, object)
+    whole = all(isinstance(v, int) for v in values)
+    try:
+        return np.array(values, np.int64 if whole else np.float64)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise AminnError(f"{source}: {name} is not numbers of one shape in all lines") from error
+
+
+def from_columns(source: str, columns: Mapping[str, ArrayLike]) -> Raw:
+    """Columns that a program has."""
+    found = {str(name): np.asarray(values) for name, values in columns.items()}
+    found = {name: v.astype(object) if v.dtype.kind in "US" else v for name, v in found.items()}
+    if odd := [name for name, v in found.items() if v.ndim != 1]:
+        raise AminnError(f"{source}: {odd[0]} has shape {found[odd[0]].shape}, expected a number a row")
+    if len({len(v) for v in found.values()}) > 1:
+        lengths = ", ".join(f"{k} {len(v)}" for k, v in found.items())
+        raise AminnError(f"{source}: columns have different lengths: {lengths}")
+    return Raw(source, found, Rows.counted(len(next(iter(found.values()), ()))))
 
 
 def _read_csv(path: str, content: bytes) -> Raw:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
 
@@ -30,9 +30,47 @@ def read_table(path: AnyPath, hand: Hand, need: Sequence[str] = STATE, by: Map |
     fault, by column and row, or topic and message; AminnError where the file cannot be read.
     """
     by = by or Map()
-    if is_bag(path):
-        return assemble(read_bag(path, hand, by), hand, need, by)
-    return assemble(_renamed(read_raw(path), hand, by), hand, need, by)
+    return assemble(_raw(path, hand, by), hand, need, by)
+
+
+def _raw(path: AnyPath, hand: Hand, by: Map) -> Raw:
+    return read_bag(path, hand, by) if is_bag(path) else _renamed(read_raw(path), hand, by)
+
+
+@dataclass(frozen=True)
+class Rough:
+    """Every row of a table, whatever is wrong with some of them."""
+
+    arrays: Arrays
+    """Columns that are told, as `read_table` gives them."""
+    bad: NDArray[np.bool_]
+    """(n) rows in which a number of the state is missing."""
+    rows: Rows
+    faults: tuple[Fault, ...]
+    """What is wrong with states and theta: of bad rows, and of others that are hard to believe."""
+
+
+def read_rough(table: AnyPath | Raw, hand: Hand, by: Map | None = None) -> Rough:
+    """Every row of a file, bag or columns of states.
+
+    Raises TableError for columns that are missing, unknown or no numbers, AminnError where a file cannot be read.
+    """
+    by = by or Map()
+    raw = _renamed(table, hand, by) if isinstance(table, Raw) else _raw(table, hand, by)
+    arrays, faults = _gathered(raw, hand, STATE, by)
+    if whole := [fault for fault in faults if fault.row is None]:
+        raise TableError(raw.source, whole)
+    looked_at = {name: arrays[name] for name in (*STATE, "theta") if name in arrays}
+    contacts = looked_at["contacts"]
+    missing = np.isnan(contacts) & ~np.isnan(contacts).all(0)
+    bad = missing[..., ON].any(1) | (missing & (contacts[..., ON:1] != 0)).any((1, 2))
+    for name in looked_at.keys() - {"contacts"}:
+        bad |= ~np.isfinite(looked_at[name]).all(1)
+    faults += check(hand, looked_at, raw.rows)
+    if bad.any() and not bad.all():  # of a table with gaps these alone were looked for
+        kept = {name: values[~bad] for name, values in looked_at.items()}
+        faults += check(hand, kept, Rows(raw.rows.label, raw.rows.numbers[~bad]))
+    return Rough(settled(arrays), bad, raw.rows, tuple(dict.fromkeys(faults)))
 
 
 def _renamed(raw: Raw, hand: Hand, by: Map) -> Raw:
@@ -62,6 +100,14 @@ def _renamed(raw: Raw, hand: Hand, by: Map) -> Raw:
 
 def assemble(raw: Raw, hand: Hand, need: Sequence[str], by: Map) -> Arrays:
     """Arrays of named columns, checked and settled. Raises TableError with every fault."""
+    arrays, faults = _gathered(raw, hand, need, by)
+    if faults := faults or check(hand, arrays, raw.rows):
+        raise TableError(raw.source, faults)
+    return settled(arrays)
+
+
+def _gathered(raw: Raw, hand: Hand, need: Sequence[str], by: Map) -> tuple[Arrays, list[Fault]]:
+    """Arrays of named columns, and which cells are no numbers. Raises TableError for columns that cannot be."""
     columns = _by_names(raw, hand, by.ignore)
     faults = [*raw.strange, *_frames(raw, by), *_names(raw, hand, need, columns)]
     n = len(raw.rows.numbers)
@@ -76,14 +122,9 @@ def assemble(raw: Raw, hand: Hand, need: Sequence[str], by: Map) -> Arrays:
             factor = raw.factors.get(column.name, 1.0)
             parts.setdefault(column.array, {})[column.at] = values * factor if factor != 1 else values
             faults += wrong
-    if faults:
-        raise TableError(raw.source, faults)
     shapes = shapes_of(hand)
     arrays = {name: _joined(shapes[name], found, n) for name, found in parts.items()}
-    arrays = in_palm(Frames(hand, by.frames), arrays, _told_frames(raw))
-    if faults := check(hand, arrays, raw.rows):
-        raise TableError(raw.source, faults)
-    return settled(arrays)
+    return in_palm(Frames(hand, by.frames), arrays, _told_frames(raw)), faults
 
 
 def _joined(shape: Place, parts: dict[Place, NDArray], n: int) -> NDArray:
@@ -174,7 +215,8 @@ def _converted(column: Column, values: NDArray, rows: Rows) -> tuple[NDArray, li
         bad,
         lambda i: f"is {str(values[i]).strip()!r}, expected a {'whole ' if whole else ''}number{_comma(values[i])}",
     )
-    return np.array([0 if r is None else r for r in read], np.int64 if whole else np.float64), list(faults)
+    none = 0 if whole else math.nan
+    return np.array([none if r is None else r for r in read], np.int64 if whole else np.float64), list(faults)
 
 
 WORDS = {"": math.nan, "true": 1.0, "false": 0.0}

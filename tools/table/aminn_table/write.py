@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
+import json
+from collections.abc import Iterator
 
 import h5py
 import numpy as np
@@ -12,31 +14,37 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError
-from aminn_base.files import write_atomically
+from aminn_base.files import finite, write_atomically
 from aminn_base.read import AnyPath
 from aminn_hand import Hand
 
-from .columns import DTYPES, PALM, Arrays, column_of, columns_of, numbers, shapes_of
+from .columns import DTYPES, PALM, RESULTS, Arrays, column_of, columns_of, numbers, shapes_of
 from .files import FRAME, format_of
 
 
 def write_table(path: AnyPath, hand: Hand, arrays: Arrays) -> None:
     """Write arrays (leading dimension n) as a table, in the format that the end of the name says.
 
-    CSV and Parquet have a column a number, HDF5 an array a name. Columns that are NaN in every row are left out of CSV
-    and Parquet. Raises AminnError for another name, WriteError where it cannot be written.
+    CSV and Parquet have a column a number, HDF5 and lines of JSON an array a name. Columns that are NaN in every row
+    are left out of CSV and Parquet, but for predictions. Raises AminnError for another name, WriteError where it
+    cannot be written.
     """
     kind = format_of(path)
     shapes = shapes_of(hand)
     if unknown := sorted(set(arrays) - set(shapes)):
         raise AminnError(f"{unknown[0]} is no array of a table; there are {', '.join(shapes)}")
     typed: Arrays = {k: np.asarray(arrays[k], DTYPES.get(k, np.float64)) for k in shapes if k in arrays}
-    write_atomically(path, {"CSV": _csv, "Parquet": _parquet, "HDF5": _hdf5}[kind](hand, typed))
+    form = {"CSV": _csv, "Parquet": _parquet, "HDF5": _hdf5, "JSON": _json}[kind]
+    write_atomically(path, form(hand, typed))
 
 
 def _columns(hand: Hand, arrays: Arrays) -> dict[str, NDArray]:
-    found = {c.name: numbers(arrays[c.array], c.at) for c in columns_of(hand) if c.array in arrays}
-    return {name: v for name, v in found.items() if v.dtype.kind != "f" or not len(v) or not np.isnan(v).all()}
+    found = {c: numbers(arrays[c.array], c.at) for c in columns_of(hand) if c.array in arrays}
+    return {
+        c.name: v
+        for c, v in found.items()
+        if c.array in RESULTS or v.dtype.kind != "f" or not len(v) or not np.isnan(v).all()
+    }
 
 
 def _csv(hand: Hand, arrays: Arrays) -> bytes:
@@ -67,3 +75,18 @@ def _hdf5(hand: Hand, arrays: Arrays) -> bytes:
             own = [column_of(hand, name, at).name for at in np.ndindex(values.shape[1:])]
             rows.attrs["columns"] = np.array(own, h5py.string_dtype())
     return out.getvalue()
+
+
+def _json(hand: Hand, arrays: Arrays) -> bytes:
+    return "".join(line + "\n" for line in json_lines(hand, arrays)).encode()
+
+
+def json_lines(hand: Hand, arrays: Arrays) -> Iterator[str]:
+    """A line a row: an object of arrays by their names. What is no number is null, a flag true or false."""
+    lists = {name: (values > 0 if _is_flag(hand, name) else values).tolist() for name, values in arrays.items()}
+    for row in zip(*lists.values(), strict=True):
+        yield json.dumps({name: finite(value) for name, value in zip(lists, row, strict=True)})
+
+
+def _is_flag(hand: Hand, name: str) -> bool:
+    return shapes_of(hand)[name] == () and column_of(hand, name, ()).unit == "flag"

@@ -25,10 +25,11 @@ def predict(model: nn.Module, dataset: Dataset, dtype: torch.dtype = torch.float
 
     The model gets theta where the data have it.
     """
-    return _outputs(model, dataset.inputs(dtype))
+    return run_model(model, dataset.inputs(dtype))
 
 
-def _outputs(model: nn.Module, x: dict[str, torch.Tensor]) -> dict[str, Array]:
+def run_model(model: nn.Module, x: dict[str, torch.Tensor]) -> dict[str, Array]:
+    """The model's outputs, as float64, for inputs in the precision of its weights."""
     n = len(x["q"])
     with torch.no_grad():
         parts = [model(**{k: v[i : i + CHUNK] for k, v in x.items()}) for i in range(0, max(n, 1), CHUNK)]
@@ -68,4 +69,4 @@ def predict_states(
     """
     x = true_states(model.hand, q, x_ht, w_e, contacts, theta)
     dtype = next(model.parameters()).dtype
-    return _outputs(model, {name: torch.as_tensor(value).to(dtype) for name, value in x.items()})
+    return run_model(model, {name: torch.as_tensor(value).to(dtype) for name, value in x.items()})

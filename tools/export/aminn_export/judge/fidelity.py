@@ -19,16 +19,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aminn.data.dataset import load_dataset
+from aminn.prediction.onnx_session import run_onnx
 from aminn_base.files import check_outputs, write_json
 from aminn_base.program import Messages
 from aminn_hand.hand import INPUTS, OUTPUTS
+from aminn_rt.ranges import within_ranges
 
 from ..files.bin_model import BinModel, read_bin_model
-from ..files.ranges import within_ranges
 from ..files.tables import pair_of
 from ..replay.targets import RUNTIME, TARGETS, replay_all, run
 from ..samples.adversarial import KINDS, adversarial_states
-from ..samples.golden import run_onnx
 from ..samples.reference import Array, Reference
 from ..samples.vectors import Results, read_results, write_vectors
 from .verify import model_prefix, onnx_session, samples_of_dataset, scaled_condition, scaled_norm

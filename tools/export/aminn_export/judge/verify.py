@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from aminn.data.dataset import SPLITS, Dataset, load_dataset, split_of
 from aminn.evaluation.evaluate import align_columns
 from aminn.evaluation.metrics import holds
+from aminn.prediction.onnx_session import run_onnx
 from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
 from aminn_base.read import AnyPath
@@ -37,7 +38,7 @@ from ..files.tables import dims_of
 from ..replay import serial_protocol, targets
 from ..replay.engines import ENGINES, load_engine
 from ..replay.runtime_place import REPLAY_SOURCES, RuntimePlace, find_runtime
-from ..samples.golden import GOLDEN_FILE, inputs_of, run_onnx, single_thread_session
+from ..samples.golden import GOLDEN_FILE, inputs_of, single_thread_session
 from ..samples.reference import Reference
 from ..samples.vectors import THETA, Results, read_results, read_vectors, write_vectors
 from .identity import check_model_hand, misfits

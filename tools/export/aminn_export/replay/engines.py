@@ -13,10 +13,11 @@ import onnx
 from numpy.typing import NDArray
 from onnx.reference import ReferenceEvaluator
 
+from aminn.prediction.onnx_session import in_chunks, run_onnx
 from aminn_base.errors import AminnError
 from aminn_base.read import AnyPath
 
-from ..samples.golden import in_chunks, run_onnx, single_thread_session
+from ..samples.golden import single_thread_session
 
 Arrays = dict[str, NDArray[np.float32]]
 Run = Callable[[Arrays], Arrays]

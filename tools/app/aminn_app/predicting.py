@@ -1,0 +1,69 @@
+"""`aminn predict`: a table in, predictions out."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+import numpy as np
+from tqdm import tqdm
+
+from aminn.prediction.predictor import Predictions, Predictor, Table
+from aminn_base.files import check_outputs
+from aminn_table import read_map
+from aminn_table.files import format_of, from_json, raw_of
+from aminn_table.write import json_lines
+
+SHOWN = 30
+STDIN = "-"
+
+
+def run_prediction(
+    model: Path,
+    table: str,
+    out: Path | None,
+    engine: str | None = None,
+    calibration: Path | None = None,
+    map_file: Path | None = None,
+    threads: int = 0,
+) -> None:
+    """Predict for a table as the command line has it; write to `out`, else print lines of JSON.
+
+    What is wrong with rows goes to standard error.
+    """
+    given = _table(table)
+    check_outputs([out], [model, calibration, map_file, *([given] if isinstance(given, Path) else [])])
+    if out is not None:
+        format_of(out)
+    predictor = Predictor(model, engine)
+    by = read_map(map_file) if map_file else None
+    interval = 0.2 if sys.stderr.isatty() else 10.0
+    with tqdm(unit="row", desc="predicting", delay=1.0, mininterval=interval, leave=False) as bar:
+        found = predictor.predict(
+            given, calibration=calibration, by=by, threads=threads, progress=lambda n: bar.update(n - bar.n)
+        )
+    _tell(found)
+    if out is None:
+        for line in json_lines(found.hand, found.arrays):
+            click.echo(line)
+        return
+    found.write(out)
+    n, bad = len(found), int(np.count_nonzero(found.status))
+    click.echo(f"{n} rows, {int(found.holds.sum())} predicted to hold, {bad} without a prediction: {out}")
+
+
+def _table(table: str) -> Table:
+    if table == STDIN:
+        return raw_of("standard input", sys.stdin.buffer.read())
+    return from_json("TABLE", table) if table.lstrip().startswith("{") else Path(table)
+
+
+def _tell(found: Predictions) -> None:
+    for line in found.given.fallbacks:
+        click.echo(line, err=True)
+    complaints = found.complaints()
+    for line in complaints[:SHOWN]:
+        click.echo(line, err=True)
+    if len(complaints) > SHOWN:
+        click.echo(f"and {len(complaints) - SHOWN} more", err=True)
