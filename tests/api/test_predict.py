@@ -9,12 +9,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 from numpy.typing import NDArray
+from untrained import untrained_run
 
 import aminn
 from aminn.data.dataset import Dataset, load_dataset
 from aminn.prediction.predictor import Predictions, Predictor
 from aminn_app.cli import main
 from aminn_base.errors import AminnError
+from aminn_export.export import export
 from aminn_hand.hand import STATE
 from aminn_hand.theta import Theta
 from aminn_rt import Model
@@ -232,6 +234,20 @@ def test_theta_by_calibration_or_with_the_rows(models: dict[str, Predictor], x: 
     theta[0] = 5.0
     for each in (models["runtime"], models["torch"]):
         assert set(each.predict(x, calibration=theta).status) == {Status.CALIBRATION}
+
+
+def test_a_told_model_takes_theta_in_every_engine(x: Arrays, data_dir: Path, tmp_path: Path) -> None:
+    untrained_run(tmp_path / "run", data_dir, told=True)
+    export(tmp_path / "run", tmp_path / "export", data_dir=data_dir)
+    models = {e: aminn.load(place_of(e, tmp_path / "run", tmp_path / "export"), e) for e in ENGINES}
+    space = Theta(models["torch"].hand)
+    size = np.repeat([0.4, 0.02, 0.001], [space.factors, len(space) - space.factors - 1, 1])
+    theta = np.random.default_rng(2).uniform(-1, 1, (len(x["q"]), len(space))) * size
+    found = {engine: model.predict(**x, theta=theta) for engine, model in models.items()}
+    for each in found.values():
+        near(each, found["runtime"])
+    assert np.abs(found["torch"].dx_ht - models["torch"].predict(x).dx_ht).max() > 1e-4
+    near(models["onnx"].predict(x), models["torch"].predict(x))  # none is nominal
 
 
 def test_the_mlp_has_the_same_columns(mlp_dir: Path, models: dict[str, Predictor], x: Arrays) -> None:

@@ -194,7 +194,7 @@ class OnnxEngine(Engine):
         good = status == Status.OK
         true = _true(self.hand, {k: v[good] for k, v in x.items()})
         session = self._session(cores(threads))
-        taken = {i.name for i in session.get_inputs()}
+        taken = {i.name for i in (*session.get_inputs(), *session.get_overridable_initializers())}
         if "theta" not in taken and "theta" in x and x["theta"][:, : Theta(self.hand).factors].any():
             raise AminnError(
                 f"{self.source}: the graph of a model that is not told mechanics takes no theta; choose runtime"
