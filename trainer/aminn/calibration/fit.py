@@ -27,7 +27,7 @@ STEPS = {"zero": 1e-3, "radius": 1e-4}
 LOG_STEP = 0.02
 LEAST_MOTION = 1e-6
 """Of a push, in units of the pose error: 0.1 um."""
-ENOUGH, MOST_DAMPING = 0.01, 1e6
+ENOUGH, MOST_DAMPING = 0.05, 1.0
 """Gain of the loss below which a fit is done, and the damping above which it gives up."""
 BIAS = {"spring": 0.3, "servo": 0.2, "tendon": 0.2, "contact": 0.3}
 """Of a model told stiffnesses; kinds that are not named have none."""
@@ -177,9 +177,11 @@ class Problem:
         flat = (slope * np.sqrt(weights)[:, None, None]).reshape(-1, slope.shape[-1])
         return flat.T @ flat + np.diag(self.precision)
 
-    def solve(self, iterations: int) -> Solution:
-        """The most probable unknowns, from zero."""
+    def solve(self, iterations: int, start: Array | None = None) -> Solution:
+        """The most probable unknowns, from zero or from a theta (P) beyond the centre."""
         u = np.zeros(len(self.precision))
+        if start is not None:
+            u[: len(self.places)] = start[self.places]
         residual = self.residual(u)
         loss, damping, gained = self.loss(u, residual), 1e-3, np.inf
         for _ in range(iterations):
@@ -189,7 +191,7 @@ class Problem:
             if gained < ENOUGH:
                 break
             gained = 0.0
-            while damping < MOST_DAMPING:
+            while damping <= MOST_DAMPING:
                 step = np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), -gradient)
                 new = self.residual(u + step)
                 new_loss = self.loss(u + step, new)
@@ -198,6 +200,7 @@ class Problem:
                     damping /= 10
                     break
                 damping = max(10 * damping, 1e-2)
+            damping = min(damping, MOST_DAMPING)
         return Solution(u, loss, residual, slope, np.asarray(np.linalg.inv(curvature), np.float64))
 
 
@@ -218,15 +221,16 @@ def fit(
     errors: Errors | None = None,
     free: Mask | None = None,
     noise: Array | None = None,
-    iterations: int = 12,
+    iterations: int = 10,
+    start: Array | None = None,
 ) -> Fit:
     """The most probable theta of pushes; entries that are not `free` (P) stay zero, with no variance.
 
-    noise: as `Problem` has it.
+    noise: as `Problem` has it. start: theta (P) to begin with.
     """
     prior, errors = prior or Prior(), errors or Errors()
     problem = Problem(predict, pushes, prior, errors, free, noise=noise)
-    found = problem.solve(iterations)
+    found = problem.solve(iterations, start)
     theta, deviations = problem.split(found.u)
     covariance, m = np.zeros((len(theta), len(theta))), len(problem.places)
     biased = variances_of(problem.space, errors.bias)[problem.places]

@@ -23,9 +23,9 @@ MARGIN = 12.0
 """By how much the logarithm of the posterior density must rise for a mistake to be named."""
 NEAR = 3.0
 """Readings whose logarithm is within so much of the best are told beside it."""
-TRIED = 6
+TRIED = 4
 """How many readings are fitted, those that fit best before it."""
-ITERATIONS = 8
+ITERATIONS = 5
 ROUGH = 0.3
 """Relative error that counts as none before a fit."""
 
