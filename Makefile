@@ -103,6 +103,7 @@ resume: setup-python ## training killed at random steps (20 times a model), resu
 golden: demo ## all of tests/golden anew: the demo's model, and the small models (when the model or its format changes)
 	@cp $(BUILD)/demo/export/* tests/golden/
 	@$(PYTHON) tests/runtime/make_golden.py
+	@$(PYTHON) tests/runtime/make_pushes.py
 	@echo "Reference models: tests/golden"
 
 .PHONY: bench

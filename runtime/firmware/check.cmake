@@ -1,7 +1,7 @@
 # Runs the firmware on the golden vectors, compares the results on the host, tries the fault handler and bad files, and
 # writes a report with flat keys.
 #   cmake -DQEMU=qemu-system-arm -DBOARD=mps2-an500 -DIMAGE=aminn_firmware.elf -DMODEL=aminn_model.bin -DVECTORS=golden.bin -DWORK=dir
-#         -DCOMPARE=aminn_compare -DREPORT=firmware.json -P check.cmake
+#         -DPUSHES=pushes.bin -DCOMPARE=aminn_compare -DREPORT=firmware.json -P check.cmake
 # Paths of QEMU's semihosting command line must not hold spaces: it runs in WORK on short names.
 cmake_minimum_required(VERSION 3.22)
 file(MAKE_DIRECTORY "${WORK}")
@@ -43,6 +43,13 @@ firmware(1 "cannot open" --control none.bin)
 firmware(1 "not a whole" --control short.bin)
 firmware(0 "control_ticks" --control vectors.bin)
 set(CONTROL "${OUTPUT}")
+if(EXISTS "${PUSHES}") # of the reference hand
+  configure_file("${PUSHES}" "${WORK}/pushes.bin" COPYONLY)
+  firmware(1 "cannot open" --calibrate none.bin)
+  firmware(1 "not a whole" --calibrate short.bin)
+  firmware(0 "calibrate_loads" --calibrate pushes.bin)
+  string(APPEND CONTROL "${OUTPUT}")
+endif()
 firmware(0 "samples" vectors.bin results.bin)
 string(REGEX REPLACE "firmware: " "" FIGURES "${SELF_TEST}\n${CONTROL}\n${OUTPUT}")
 # the bits that the host's library predicts, then the reference of the vector file

@@ -15,7 +15,7 @@ enum { TICK_HZ = 1000, PERMILLE = 1000, CLOCK_HZ = 25000000 /* of the MPS2 board
 /* Instructions that a core of so many MHz has in a tick if each takes one cycle; real cores need more for some. */
 enum { REFERENCE_MHZ = 168 };
 
-static limiter_t limiter;
+limiter_t limiter;
 
 typedef struct budget {
     uint32_t ticks, limited, refused, out_of_range, overruns, worst, total;

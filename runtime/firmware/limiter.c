@@ -2,10 +2,17 @@
 
 aminn_status_t limiter_init(limiter_t *limiter, const aminn_model_t *model, limits_t limits)
 {
-    const aminn_status_t status = aminn_init(&limiter->aminn, model, 0);
+    aminn_status_t status = aminn_init(&limiter->aminn, model, 0);
     limiter->limits = limits;
     limiter->share = 1.0F;
-    return status != AMINN_OK ? status : aminn_self_test(&limiter->aminn);
+    status = status == AMINN_OK ? aminn_self_test(&limiter->aminn) : status;
+    status = status == AMINN_OK ? aminn_calibrator_init(&limiter->calibrator, model, NULL, NULL) : status;
+    return status == AMINN_OK ? aminn_calibrate(&limiter->aminn, &limiter->calibrator.calibration) : status;
+}
+
+aminn_status_t limiter_learn(limiter_t *limiter, const aminn_state_t *before, const float dx_ht[AMINN_N_WRENCH])
+{
+    return aminn_calibrate_push(&limiter->aminn, &limiter->calibrator, before, dx_ht);
 }
 
 /* the grasp holds, the tool moves little enough, and the model knows such inputs */

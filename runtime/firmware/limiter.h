@@ -1,6 +1,6 @@
 /*
- * Limits a commanded load to what the grasp is predicted to hold. One prediction a tick, all memory the caller's:
- * copy it into a controller and change the rule.
+ * Limits a commanded load to what the grasp is predicted to hold, and learns from what loads did how stiff its hand is. One
+ * prediction a tick, all memory the caller's: copy it into a controller and change the rule.
  */
 #ifndef LIMITER_H
 #define LIMITER_H
@@ -16,13 +16,14 @@ typedef struct limits {
 
 typedef struct limiter {
     aminn_t aminn;
+    aminn_calibrator_t calibrator;
     aminn_output_t out;
     limits_t limits;
     float share; /* of the commanded load that is permitted now, 0 .. 1 */
 } limiter_t;
 
-/* Prepare it and test the library; returns what aminn_init() or aminn_self_test() returns. The full load is permitted at
- * first. */
+/* Prepare it, where it is to stay, and test the library; returns what aminn_init(), aminn_self_test() or
+ * aminn_calibrator_init() returns. The full load is permitted at first, and the hand is the one that its description has. */
 aminn_status_t limiter_init(limiter_t *limiter, const aminn_model_t *model, limits_t limits);
 
 /*
@@ -35,5 +36,15 @@ aminn_status_t limiter_init(limiter_t *limiter, const aminn_model_t *model, limi
  * predicted to hold.
  */
 aminn_status_t limiter_step(limiter_t *limiter, aminn_state_t *state);
+
+/*
+ * What a load did, once the tool rests under it: later predictions are for a hand that does so.
+ *
+ *   before   sensors before the load, and the load that was applied.
+ *   dx_ht    measured displacement of the tool in the hand (m, rotation vector), of a grasp that held.
+ *
+ * Returns what aminn_calibrate_push() returns. Takes the time of about one prediction and a half: not in every tick.
+ */
+aminn_status_t limiter_learn(limiter_t *limiter, const aminn_state_t *before, const float dx_ht[AMINN_N_WRENCH]);
 
 #endif

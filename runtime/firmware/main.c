@@ -4,6 +4,7 @@
  *
  * Command line: firmware VECTORS.bin OUT.bin   the formats of runtime/tools/vector_file.h
  *               firmware --control FRAMES.bin  a 1 kHz loop that limits the commanded load (control.c)
+ *               firmware --calibrate PUSHES.bin  that limiter before and after it has learned from ten pushes (learn.c)
  *               firmware --serial              answers on the UART (serial.c)
  *               firmware --self-test           the self-test under other modes of the FPU (self_test.c)
  *               firmware --fault               runs into an undefined instruction, to try the fault handler
@@ -14,6 +15,7 @@
 
 #include MODEL_HEADER
 #include "figures.h"
+#include "learning.h"
 #include "modes.h"
 #include "semihosting.h"
 #include "startup.h"
@@ -25,6 +27,7 @@ enum { STACK_SAMPLES = 16 };
 static aminn_t ctx;
 static aminn_input_t in;
 static aminn_output_t out;
+static aminn_calibrator_t calibrator; /* and this that of one that learns */
 #ifdef MODEL_TOLD
 static aminn_calibration_t calibration;
 static aminn_status_t theta_status = AMINN_OK;
@@ -35,6 +38,7 @@ static int vectors_file = -1, results_file = -1;
 
 typedef struct figures {
     uint32_t refused, call_stack, ticks_total, ticks_max;
+    uint32_t push_stack, push_ticks_total, push_ticks_max, pushes_refused;
 } figures_t;
 
 /* ---- files ---- */
@@ -175,6 +179,29 @@ static int take_theta(const vector_header_t *header)
     return 0;
 }
 
+/* the same of a push */
+static aminn_status_t learn(uint32_t i, figures_t *f)
+{
+    const uint32_t pushes = calibrator.pushes;
+    aminn_status_t status;
+    uint32_t start, ticks;
+    if (i < STACK_SAMPLES) {
+        stack_paint();
+    }
+    start = SYST_CVR;
+    status = learn_sample(&ctx, &calibrator, i, &in, &out);
+    ticks = ticks_since(start);
+    if (i < STACK_SAMPLES) {
+        const uint32_t used = stack_pointer_free() - stack_free();
+        f->push_stack = used > f->push_stack ? used : f->push_stack;
+    }
+    if (calibrator.pushes != pushes) {
+        f->push_ticks_total += ticks;
+        f->push_ticks_max = ticks > f->push_ticks_max ? ticks : f->push_ticks_max;
+    }
+    return status;
+}
+
 static int run(const vector_header_t *header, figures_t *f)
 {
     const uint32_t blank[sizeof(vector_header_t) / 4] = {0};
@@ -190,6 +217,7 @@ static int run(const vector_header_t *header, figures_t *f)
         if (store(n, i, predict(i, f), &crc) != 0) {
             return fail("results", "cannot write");
         }
+        f->pushes_refused += learn(i, f) != AMINN_OK;
     }
     return finish(n, crc) != 0 ? fail("results", "cannot write") : 0;
 }
@@ -205,12 +233,23 @@ static void print_figures(uint32_t n, const figures_t *f, uint32_t rate)
         print_figure("instructions_per_prediction", (uint32_t)((uint64_t)f->ticks_total * rate / n / 1000u));
         print_figure("instructions_worst", (uint32_t)((uint64_t)f->ticks_max * rate / 1000u));
     }
+    print_figure("pushes", calibrator.pushes);
+    print_figure("pushes_refused", f->pushes_refused);
+    print_figure("calibration_bytes", (uint32_t)sizeof calibrator.calibration);
+    print_figure("calibrator_bytes", (uint32_t)sizeof calibrator);
+    print_figure("calibration_crc", learned_crc(&calibrator));
+    print_figure("stack_push_bytes", f->push_stack);
+    if (rate != 0 && calibrator.pushes > 0) {
+        print_figure("instructions_per_push",
+                     (uint32_t)((uint64_t)f->push_ticks_total * rate / calibrator.pushes / 1000u));
+        print_figure("instructions_push_worst", (uint32_t)((uint64_t)f->push_ticks_max * rate / 1000u));
+    }
 }
 
 int main(void)
 {
     vector_header_t header;
-    figures_t figures = {0, 0, 0, 0};
+    figures_t figures = {0, 0, 0, 0, 0, 0, 0, 0};
     uint32_t rate;
     char *vectors = NULL, *results = NULL;
     aminn_status_t status = aminn_init(&ctx, &MODEL_SYMBOL, AMINN_FLAG_ALWAYS_STAGE2);
@@ -222,6 +261,10 @@ int main(void)
     status = aminn_self_test(&ctx);
     if (status != AMINN_OK) {
         return fail("aminn_self_test", aminn_status_name(status));
+    }
+    status = aminn_calibrator_init(&calibrator, &MODEL_SYMBOL, NULL, NULL);
+    if (status != AMINN_OK) {
+        return fail("aminn_calibrator_init", aminn_status_name(status));
     }
     if (semihost_command_line(command_line, sizeof command_line) != 0 || parse(&vectors, &results) != 0) {
         return fail("usage", "firmware VECTORS.bin OUT.bin");
@@ -237,6 +280,9 @@ int main(void)
     }
     if (strcmp(vectors, "--control") == 0 && results != NULL) {
         return run_control(results);
+    }
+    if (strcmp(vectors, "--calibrate") == 0 && results != NULL) {
+        return run_calibration(results);
     }
     if (results == NULL) {
         return fail("usage", "firmware VECTORS.bin OUT.bin");

@@ -2,10 +2,16 @@
 #ifndef MODES_H
 #define MODES_H
 
-#include "aminn_rt.h"
+#include "limiter.h"
+
+/* Of the two modes that have one: memory is short on some boards. */
+extern limiter_t limiter;
 
 /* firmware --control FRAMES.bin: a 1 kHz loop on the states of a vector file. */
 int run_control(const char *frames);
+
+/* firmware --calibrate PUSHES.bin: the limiter judges loads, learns from ten pushes, and judges them again (learn.c). */
+int run_calibration(const char *pushes);
 
 /* firmware --serial: answers questions on the board's UART for ever (docs/runtime.md has the protocol). */
 int run_serial(void);

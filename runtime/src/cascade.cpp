@@ -29,6 +29,13 @@ static_assert(offsetof(aminn_output_t, condition) - offsetof(aminn_output_t, dx_
                       offsetof(aminn_stage_debug_t, gate) - offsetof(aminn_stage_debug_t, dx),
               "copied as a whole");
 
+// What both stages share of an input.
+void prepare(aminn_t &ctx, const aminn_input_t &in, Scene &scene)
+{
+    make_network_input(*ctx.model, in, ctx);
+    make_scene(*ctx.model, in, scene);
+}
+
 // False if its results are not sound.
 bool run_stage(aminn_t &ctx, int i, const Scene &scene, const aminn_input_t &in, StaticsSummary &summary)
 {
@@ -67,8 +74,7 @@ bool run_cascade(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out)
     const aminn_model_t &model = *ctx.model;
     Scene scene;
     StaticsSummary summary;
-    make_network_input(model, in, ctx);
-    make_scene(model, in, scene);
+    prepare(ctx, in, scene);
     if (!run_stage(ctx, 0, scene, in, summary)) {
         return false;
     }
@@ -89,8 +95,7 @@ bool run_motion(aminn_t &ctx, const aminn_input_t &in)
 {
     Scene scene;
     StaticsSummary summary;
-    make_network_input(*ctx.model, in, ctx);
-    make_scene(*ctx.model, in, scene);
+    prepare(ctx, in, scene);
     return run_stage(ctx, 1, scene, in, summary);
 }
 
