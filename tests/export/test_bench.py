@@ -53,6 +53,9 @@ def test_bench_reports_all_subjects(export_dir: Path, build_dir: Path, tmp_path:
         assert 0 < report[f"{name}_us_min"] <= report[f"{name}_us"]
     assert report["floor"] in {name for _, name in ROWS[:4]}
     assert report["onnx_nodes"] > 0
+    assert report["batch_rows"] == 10_000 and report["batch_threads"] == 2
+    for name in ("runtime", "runtime_and_closure", "runtime_one_thread", "onnx"):
+        assert report[f"batch_{name}_per_s"] > 0
     with_avx512 = report["vector_registers"] == "AVX-512"
     assert with_avx512 == ("avx2_floor_us" in report)
     if with_avx512:

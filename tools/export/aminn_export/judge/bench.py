@@ -5,7 +5,8 @@ python -m aminn_export.judge.bench --model tests/golden --build build/host --jso
 One thread, one sample a call, the same samples, in turns, in one program (runtime/tools/aminn_bench.cpp): Eigen and
 OpenBLAS doing the products alone, the runtime, ONNX Runtime through its C interface on `aminn.onnx`, and ONNX Runtime
 on a plain MLP with as many parameters. Where the processor has AVX-512, the products and the runtime are timed once
-more as they are with AVX2 alone.
+more as they are with AVX2 alone. Then a batch as a planner asks for it, through aminn_rt and through ONNX Runtime, on
+as many threads each, in turns as well.
 """
 
 from __future__ import annotations
@@ -14,15 +15,21 @@ import json
 import os
 import platform
 import tempfile
+import time
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
 import onnx
 import onnxruntime as ort
+from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
+import aminn_rt
+from aminn.prediction.onnx_session import onnx_session, run_onnx
 from aminn_base.errors import AminnError
 from aminn_base.files import check_outputs, write_json
 from aminn_base.program import Messages
@@ -34,9 +41,11 @@ from ..files.tables import dims_of
 from ..replay.runtime_place import RuntimePlace, find_in, find_runtime, runtime_source
 from ..replay.targets import run
 from ..samples.golden import GOLDEN_FILE
+from ..samples.vectors import read_vectors
 from .verify import model_prefix
 
 ROUNDS = 1000
+BATCH_ROWS, BATCH_THREADS, BATCH_ROUNDS = 10_000, 2, 9
 MLP_OUTPUTS = 7  # p_stable and dx_ht
 RATIO_LIMITS = {
     "runtime_to_floor_ratio": ("<=", 1.5),
@@ -130,6 +139,32 @@ def _cpu() -> tuple[str, str]:
     return describe_cpu(cpuinfo.read_text() if cpuinfo.is_file() else "")
 
 
+def batch(blob: Path, graph: Path, inputs: dict[str, NDArray[np.float32]]) -> Report:
+    """Predictions a second of many states at once, both stages of all; ONNX Runtime at its better batch size."""
+    rows: dict[str, Any] = {name: np.resize(values, (BATCH_ROWS, *values.shape[1:])) for name, values in inputs.items()}
+    runtime, session = aminn_rt.Model.load(blob), onnx_session(graph, BATCH_THREADS)
+    measured = {name: values for name, values in rows.items() if name not in ("j_x", "j_q")}
+    names = [o.name for o in session.get_outputs()]
+    subjects: dict[str, Callable[[], object]] = {
+        "runtime": lambda: runtime.predict(**rows, threads=BATCH_THREADS, always=True),
+        "runtime_and_closure": lambda: runtime.predict(**measured, threads=BATCH_THREADS, always=True),
+        "runtime_one_thread": lambda: runtime.predict(**rows, threads=1, always=True),
+        "onnx_at_once": lambda: session.run(names, rows),
+        "onnx_in_chunks": lambda: run_onnx(session, rows),
+    }
+    times: dict[str, list[float]] = {name: [] for name in subjects}
+    for _ in range(BATCH_ROUNDS):
+        for name, predict in subjects.items():
+            start = time.perf_counter()
+            predict()
+            times[name].append(time.perf_counter() - start)
+    per_s = {name: BATCH_ROWS / float(np.median(values)) for name, values in times.items()}
+    per_s["onnx"] = max(per_s.pop("onnx_at_once"), per_s.pop("onnx_in_chunks"))
+    report: Report = {f"batch_{name}_per_s": value for name, value in per_s.items()}
+    report["batch_runtime_to_onnx_ratio"] = per_s["runtime"] / per_s["onnx"]
+    return report | {"batch_rows": BATCH_ROWS, "batch_threads": BATCH_THREADS}
+
+
 def bench(model_dir: Path, vectors: Path, build_dir: Path, rounds: int = ROUNDS) -> Report:
     """Times in microseconds a call, and their ratios. Raises AminnError where something is missing."""
     blob = model_dir / f"{model_prefix(model_dir)}.bin"
@@ -151,6 +186,7 @@ def bench(model_dir: Path, vectors: Path, build_dir: Path, rounds: int = ROUNDS)
             report["avx2_floor_us"] = avx2[f"{avx2['floor']}_us"]
             report |= {f"avx2_{name}": avx2[name] for name in ("runtime_both_stages_us", "runtime_to_floor_ratio")}
         report["onnx_nodes"] = len(onnx.load(graph).graph.node)
+        report |= batch(blob, graph, read_vectors(vectors).inputs)
     missed = [
         name
         for name, (sign, limit) in RATIO_LIMITS.items()
@@ -191,6 +227,10 @@ def format_bench(report: Report) -> str:
             f"with AVX2 alone {report['avx2_runtime_to_floor_ratio']:.2f}: "
             f"runtime {report['avx2_runtime_both_stages_us']:.2f}, products {report['avx2_floor_us']:.2f}"
         )
+    lines.append(
+        f"a batch of {report['batch_rows']} on {report['batch_threads']} threads: {report['batch_runtime_per_s']:.0f} "
+        f"predictions a second, ONNX Runtime {report['batch_onnx_per_s']:.0f}"
+    )
     return "\n".join([*lines, f"{report['cpu']}, {report['vector_registers']}"])
 
 
