@@ -17,6 +17,7 @@ from aminn_export.files.hand_header import HAND_HEADER, header_beside, name_in, 
 from aminn_export.files.tables import branch_joints, dims_of
 from aminn_export.judge.identity import check_model_hand, misfits
 from aminn_export.replay.runtime_place import find_in
+from aminn_hand.theta import Theta
 from aminn_rt import compiled
 from aminn_rt.compiled import runtime, runtime_for
 
@@ -60,7 +61,8 @@ def test_a_model_of_another_hand_has_all_files(other_dir: Path) -> None:
     header = header_beside(other_dir)
     assert header is not None and name_in(header) in other_dir.name
     hand = HANDS[name_in(header)]()
-    assert dims == replace(hand.dims, tendons=dims.gates, twist=hand.contact.kind == "soft_finger")
+    soft, stiff = hand.contact.kind == "soft_finger", Theta(hand).stiff
+    assert dims == replace(hand.dims, tendons=dims.gates, twist=soft, stiff=stiff)
     assert branch_joints(model.tensors) == [list(row) for row in hand.coordinate_joints]
     assert all(f'"{joint}"' in header.read_text() for joint in hand.joints)
     assert not misfits(other_dir, "aminn_model", model)
