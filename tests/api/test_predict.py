@@ -13,6 +13,7 @@ from untrained import untrained_run
 
 import aminn
 from aminn.data.dataset import Dataset, load_dataset
+from aminn.prediction import predictor
 from aminn.prediction.predictor import Predictions, Predictor
 from aminn_app.cli import main
 from aminn_base.errors import AminnError
@@ -59,13 +60,19 @@ def near(a: Predictions, b: Predictions) -> None:
     assert list(a.columns) == list(b.columns)
 
 
-def test_every_engine_predicts_the_same(models: dict[str, Predictor], x: Arrays, data_dir: Path) -> None:
+def test_every_engine_predicts_the_same(
+    models: dict[str, Predictor], x: Arrays, data_dir: Path, trust: dict[str, float | int | str | bool]
+) -> None:
     for table in (x, data_dir):
         found = {engine: model.predict(table) for engine, model in models.items()}
         for engine in ENGINES:
             assert len(found[engine]) == len(x["q"]) and not found[engine].status.any()
             near(found[engine], found["runtime"])
         np.testing.assert_array_equal(found["onnx"].notes, found["runtime"].notes)
+        size = np.abs(found["torch"].dx_ht).max(1, keepdims=True)
+        for engine in ENGINES[1:]:
+            gap = np.abs(found[engine].dx_ht - found["torch"].dx_ht) / size
+            trust[f"predict_{engine}_to_torch_dx_relative_median"] = float(np.median(gap.max(1)))
     assert all(model.tau == pytest.approx(0.5173) for model in models.values())
     assert len({model.hand.sha256 for model in models.values()}) == 1
 
@@ -89,6 +96,16 @@ def test_arrays_by_name_and_one_for_all(models: dict[str, Predictor], data: Data
         near(model.predict(**one | loads), model.predict({k: x[k][[4] * 3] for k in x} | loads))
         assert len(model.predict(**one)) == 1
         assert len(model.predict({name: values[:0] for name, values in x.items()})) == 0
+
+
+def test_large_tables_go_in_chunks(models: dict[str, Predictor], x: Arrays, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole, done = {name: model.predict(x) for name, model in models.items()}, []
+    monkeypatch.setattr(predictor, "CHUNK", 150)
+    for name, model in models.items():
+        found = model.predict(x, progress=done.append)
+        near(found, whole[name])
+        np.testing.assert_array_equal(found.texts, whole[name].texts)
+    assert done == [150, 300, 320] * 3
 
 
 def test_the_engine_follows_from_what_is_given(run_dir: Path, export_dir: Path, tmp_path: Path) -> None:
@@ -213,7 +230,7 @@ def test_missing_sensors_are_stood_in_for_and_said(models: dict[str, Predictor],
     assert not found.status.any() and "no contact forces" in " ".join(found.given.fallbacks)
 
 
-def test_theta_by_calibration_or_with_the_rows(models: dict[str, Predictor], x: Arrays) -> None:
+def test_theta_by_calibration_or_with_the_rows(models: dict[str, Predictor], x: Arrays, tmp_path: Path) -> None:
     model = models["torch"]
     names = Theta(model.hand).names
     theta = np.zeros(len(names))
@@ -222,6 +239,9 @@ def test_theta_by_calibration_or_with_the_rows(models: dict[str, Predictor], x: 
     assert np.abs(found.dx_ht - plain.dx_ht).max() > 1e-6
     np.testing.assert_array_equal(model.predict(**x, theta=theta).dx_ht, found.dx_ht)
     near(model.predict(x, calibration=np.zeros(len(names))), plain)
+    content = {"format_version": 1, "hand": model.hand.name, "hand_sha256": model.hand.sha256}
+    (tmp_path / "c.json").write_text(json.dumps(content | {"theta": dict(zip(names, theta.tolist(), strict=True))}))
+    np.testing.assert_array_equal(model.predict(x, calibration=tmp_path / "c.json").dx_ht, found.dx_ht)
     with pytest.raises(AminnError, match="tells theta already"):
         model.predict(**x, theta=theta, calibration=theta)
     with pytest.raises(AminnError, match=rf"shape \(3,\), expected \({len(names)},\)"):
