@@ -189,7 +189,7 @@ static aminn_status_t learn(uint32_t i, figures_t *f)
         stack_paint();
     }
     start = SYST_CVR;
-    status = learn_sample(&ctx, &calibrator, i, &in, &out);
+    status = learn_sample(&ctx, &calibrator, i, &in, out.dx_ht, out.stable);
     ticks = ticks_since(start);
     if (i < STACK_SAMPLES) {
         const uint32_t used = stack_pointer_free() - stack_free();

@@ -4,8 +4,8 @@
  *   aminn_replay MODEL.bin VECTORS.bin OUT.bin
  *
  * Both stages are computed for every sample (AMINN_FLAG_ALWAYS_STAGE2), so that all outputs can be compared. A sample
- * that the runtime refuses is written as the runtime left the outputs, with its status code. Prints a line that says which
- * model it is and what aminn_self_test() finds, and one of figures; to standard error where OUT.bin is /dev/stdout. Exits
+ * that the runtime refuses is written as the runtime left the outputs, with its status code. Prints a line about a calibration
+ * by the first samples (learning.h), one that says which model it is and what aminn_self_test() finds, and one of figures; to standard error where OUT.bin is /dev/stdout. Exits
  * with 0, or with 1 and a message on a bad file or where OUT.bin is one of the inputs (no OUT.bin is left then), or with
  * 2 on bad arguments.
  *
@@ -23,6 +23,7 @@
 #include <time.h>
 
 #include "aminn_rt.h"
+#include "learning.h"
 #include "vector_file.h"
 #ifdef AMINN_REPLAY_HEADER
 #include AMINN_REPLAY_HEADER
@@ -71,6 +72,27 @@ static uint32_t predict_all(const aminn_model_t *model, const vector_header_t *v
         die("%s: %s", aminn_status_name(status), aminn_status_text(status));
     }
     return predict_rows(&ctx, model, vectors, rows, statuses);
+}
+
+static aminn_calibrator_t calibrator;
+
+/* a calibration by the first samples and what was predicted of them */
+static void calibrate_all(const aminn_model_t *model, const vector_header_t *vectors, const float *rows)
+{
+    static aminn_t ctx;
+    const size_t size = VECTOR_N_IN + vector_n_theta(vectors);
+    aminn_status_t status = aminn_init(&ctx, model, 0);
+    uint32_t i;
+    status = status == AMINN_OK ? aminn_calibrator_init(&calibrator, model, NULL, NULL) : status;
+    if (status != AMINN_OK) {
+        die("%s: %s", aminn_status_name(status), aminn_status_text(status));
+    }
+    for (i = 0; i < vectors->n; ++i) {
+        const float *row = rows + (size_t)i * RESULT_N_OUT; /* p_stable, dx_ht .. stable */
+        aminn_input_t in;
+        memcpy(&in, (const float *)(vectors + 1) + i * size, sizeof in);
+        learn_sample(&ctx, &calibrator, i, &in, row + 1, row[VECTOR_N_OUT] > 0.5F);
+    }
 }
 
 static void write_results(const char *path, uint32_t n, float *rows, int32_t *statuses)
@@ -131,9 +153,11 @@ int main(int argc, char **argv)
     start_s = now_s();
     refused = predict_all(&model, vectors, rows, statuses);
     spent_s = now_s() - start_s;
+    calibrate_all(&model, vectors, rows);
     write_results(argv[first + 1], vectors->n, rows, statuses);
     says = output_is_stdout() ? stderr : stdout;
     print_identity(says, &model);
+    fprintf(says, "pushes %u, calibration_crc %u\n", (unsigned)calibrator.pushes, (unsigned)learned_crc(&calibrator));
     fprintf(says, "samples %u, refused %u, %.3f us per prediction\n", (unsigned)vectors->n, (unsigned)refused,
             vectors->n > 0 ? 1e6 * spent_s / vectors->n : 0.0);
     free(rows);

@@ -9,19 +9,20 @@
 
 enum { LEARNED_SAMPLES = 64 }; /* the first ones */
 
-/* Learns from sample i and its prediction; returns a status of aminn_calibrate_push(), AMINN_OK for a sample that is no push. */
+/* Learns from sample i and what was predicted of it; returns a status of aminn_calibrate_push(), AMINN_OK for a sample that is
+ * no push. */
 static inline aminn_status_t learn_sample(aminn_t *ctx, aminn_calibrator_t *calibrator, uint32_t i,
-                                          const aminn_input_t *in, const aminn_output_t *out)
+                                          const aminn_input_t *in, const float dx_ht[AMINN_N_WRENCH], int stable)
 {
     aminn_state_t state;
     float dx[AMINN_N_WRENCH];
     int k;
-    if (i >= LEARNED_SAMPLES || out->stable == 0) {
+    if (i >= LEARNED_SAMPLES || !stable) {
         return AMINN_OK;
     }
     memcpy(&state, in, sizeof state);
     for (k = 0; k < AMINN_N_WRENCH; ++k) {
-        dx[k] = 1.25F * out->dx_ht[k];
+        dx[k] = 1.25F * dx_ht[k];
     }
     return aminn_calibrate_push(ctx, calibrator, &state, dx);
 }

@@ -11,7 +11,7 @@ from aminn_app.calibrate_study import Scale, missed, study
 
 TINY = Scale(
     train_grasps=24, reference_grasps=4, cases=6, validation_hands=2, validation_grasps=4, test_hands=2, grasps=6,
-    epochs=1, seeds=1, mistakes=2, only=("load_sign",), tune_steps=(0, 2), budgets=((4, 2), (6, 3)),
+    epochs=1, seeds=1, mistakes=2, only=("load_sign",), tune_steps=(0, 2), budgets=((4, 2), (6, 3)), device=False,
 )  # fmt: skip
 
 

@@ -38,9 +38,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=GOLDEN / "pushes.bin", help="file (default: in tests/golden)")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        config = SimulationConfig(
-            grasps=GRASPS, cases=CASES, seed=SEED, vary_mechanics=VARIED, grasps_per_hand=GRASPS
-        )
+        config = SimulationConfig(grasps=GRASPS, cases=CASES, seed=SEED, vary_mechanics=VARIED, grasps_per_hand=GRASPS)
         simulate(config, Path(folder) / "data")
         data = load_dataset(Path(folder) / "data")
     rows = order(data)

@@ -42,6 +42,7 @@ from aminn.model.network import Aminn
 from aminn.training.train import train
 from aminn_base.files import write_json
 from aminn_base.program import Messages
+from aminn_export.judge.push_figures import push_figures
 from aminn_hand.theta import Theta
 
 from .pipeline import anew_if_outdated
@@ -79,6 +80,8 @@ class Scale:
     """Steps of fine-tuning, among which validation hands choose."""
     budgets: tuple[tuple[int, int], ...] = ((10, 2), (40, 5))
     """(pushes, grasps) of a calibration."""
+    device: bool = True
+    """Whether to build and replay on every target that there is."""
 
 
 BUDGET_AIMS = (0.10, 0.06)
@@ -561,12 +564,16 @@ def missed(out: Figures, scale: Scale) -> list[str]:
         else:
             share = out[f"{name}_named"] / out[f"{name}_sets"]
             aim(f"{name.removeprefix('mistake_')} named in {share:.0%}", share >= NAMED_AIM)
+    if out.get("device_aims_missed"):
+        wrong.append(str(out["device_aims_missed"]))
     return wrong
 
 
+@cache
 def device_figures(work: Path) -> Figures:
-    """What calibration costs on the device, `device_...`, where that can be measured."""
-    return {}
+    """What calibration costs on the device, `device_...`, of the reference model, where a checkout has it."""
+    golden = Path(__file__).resolve().parents[3] / "tests" / "golden"
+    return push_figures(golden, golden / "golden.bin", work) if (golden / "golden.bin").is_file() else {}
 
 
 class _Here(Executor):
@@ -619,7 +626,7 @@ def study(
                 report = summarise(whole, reference, scale, Theta(nominal.hand))
                 report |= {f"errors_{m}_{k}": v for m, e in learned["errors"].items() for k, v in _spread(e).items()}
                 report |= {f"tune_steps_{k}": v for k, v in learned["steps"].items()}
-                report |= device_figures(folder / "device")
+                report |= device_figures(folder / "device") if scale.device else {}
                 report |= {"parts": " ".join(finished), "aims_missed": "; ".join(missed(report, scale))}
                 found(report)
     return report

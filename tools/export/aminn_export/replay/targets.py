@@ -107,18 +107,22 @@ def build_library(build_dir: Path, hand: Path | None) -> Path:
     return build_dir / "aminn_replay"
 
 
-def _check_self_test(text: str, name: str) -> None:
-    """Raises AminnError unless the replay program found the library sound; a board's image stops by itself."""
+def _figures(text: str, name: str) -> dict[str, int]:
+    """What the replay program tells of a calibration.
+
+    Raises AminnError unless it found the library sound; a board's image stops by itself.
+    """
     found = re.search(r"self-test (\w+)", text)
     if found is None or found[1] != "AMINN_OK":
         raise AminnError(f"{name}: the library's self-test says {found[1] if found else 'nothing'}")
+    return {key: int(value) for key, value in re.findall(r"\b(pushes|calibration_crc) (\d+)", text)}
 
 
 def replay(name: str, model_dir: Path, prefix: str, vectors: Path, work: Path) -> tuple[Path, dict[str, int]]:
     """Build target `name` with the C model PREFIX of `model_dir` and replay a vector file on it, in the folder `work`.
 
-    Returns the result file and the target's own figures (of boards: stack, instructions). Raises AminnError where
-    something is missing, does not compile, or fails.
+    Returns the result file and the target's own figures (`pushes`, `calibration_crc`; of boards also stack and
+    instructions). Raises AminnError where something is missing, does not compile, or fails.
     """
     if name not in TARGETS:
         raise AminnError(f"no target {name!r}; there are {', '.join(TARGETS)}")
@@ -130,13 +134,11 @@ def replay(name: str, model_dir: Path, prefix: str, vectors: Path, work: Path) -
     if name in DISPATCHED:
         library = build_library(work / "build", header_beside(model_dir))
         command = [*DISPATCHED[name].split(), str(library), str(model_dir / f"{prefix}.bin")]
-        _check_self_test(run([*command, str(vectors), str(out)], f"replaying on {name}"), name)
-        return out, {}
+        return out, _figures(run([*command, str(vectors), str(out)], f"replaying on {name}"), name)
     target = HOSTED[name]
     program = build_hosted(target, model_dir, prefix, work)
     emulator = [target.emulator] if target.emulator else []
-    _check_self_test(run([*emulator, str(program), str(vectors), str(out)], f"replaying on {name}"), name)
-    return out, {}
+    return out, _figures(run([*emulator, str(program), str(vectors), str(out)], f"replaying on {name}"), name)
 
 
 def replay_all(
