@@ -6,7 +6,7 @@
     found = model.predict(q=q, x_ht=x_ht, w_e=loads, contacts=contacts)  # one grasp, ten thousand loads, all cores
     found.holds, found.dx_ht
 
-It needs numpy alone, and its numbers are bit by bit those of the hand's controller.
+It needs neither PyTorch nor ONNX Runtime, and its numbers are bit by bit those of the hand's controller.
 """
 
 from .model import Model, Note, Prediction
