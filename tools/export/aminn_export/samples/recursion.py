@@ -1,0 +1,147 @@
+"""What `aminn_calibrate_push()` computes, in float64 and by plain algebra: the oracle that the runtime is held against.
+
+It forms and inverts K_x, where the runtime goes by square roots; the rest is the same recursion, step by step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..files.tables import Exported
+from .adversarial import closure
+from .reference import Array, Reference
+
+LEARNED, DOUBTED, SLIPPED, WORSE = 1, 2, 3, 4
+"""What became of a push: AMINN_PUSH_..."""
+DOUBTFUL, SLIP = 12.0, 400.0
+LEAST_VARIANCE = 1e-6
+SAME_JOINT_RAD, SAME_TOOL_M = 0.02, 0.002
+
+
+@dataclass(frozen=True)
+class Settings:
+    """As `aminn_calibrator_settings_t`; the defaults are those of `aminn_calibrator_defaults`."""
+
+    prior: float = 0.5
+    noise_m: float = 5e-5
+    model_share: float = 0.08
+    step: float = 0.5
+    bound: float = 1.5
+    memory: float = 1.0
+
+
+class Recursion:
+    """A calibrator of an exported model."""
+
+    def __init__(self, exported: Exported, theta: NDArray | None = None, settings: Settings | None = None) -> None:
+        self.exported, self.model = exported, Reference(exported)
+        self.settings = settings or Settings()
+        joints = int(self.model.t["coord_mask"].sum())
+        self.theta = np.zeros(self.model.factors + joints + 1) if theta is None else np.array(theta, float)
+        self.covariance = np.eye(self.model.factors) * self.settings.prior**2
+        self._grasp: Array | None = None
+        self._in_grasp = 0
+
+    @property
+    def sd(self) -> Array:
+        """(F) standard deviation of each logarithm."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    def corrected(self, state: Mapping[str, NDArray]) -> dict[str, Array]:
+        """Inputs of the model (1, ...) of a measured state q (J), x_ht (6), w_e (6), contacts (B, 8)."""
+        x = {name: np.asarray(state[name], float)[None] for name in ("q", "x_ht", "w_e", "contacts")}
+        x["q"] = x["q"] + self.theta[self.model.factors : -1]
+        x["contacts"] = x["contacts"].copy()
+        x["contacts"][..., 1:4] += self.theta[-1] * x["contacts"][..., 4:7]
+        x["j_x"], x["j_q"] = closure(x["q"], x["x_ht"], x["contacts"], self.exported)
+        return x
+
+    def motion(self, x: dict[str, Array], theta: Array) -> dict[str, Array]:
+        """What stage 2 predicts, without the batch: by the names of `aminn_debug.onnx`."""
+        return {name: value[0] for name, value in self.model(x | {"theta": theta[None]}).items()}
+
+    def slopes(self, x: dict[str, Array]) -> Array:
+        """(6, F) how the scaled motion (m) changes with each logarithm, what the networks say being held."""
+        m, s, out = self.model, self.model.s, self.motion(x, self.theta)
+        varied = m.varied(x | {"theta": self.theta[None]})
+        inverse = np.linalg.inv(out["s2_k_x"] * s[:, None] * s)
+        dx, slopes = out["s2_dx"] / s, np.zeros((6, m.factors))
+        rows = [*range(m.c), *(i for i in range(m.c) for _ in range(i))]
+        cols = [*range(m.c), *(j for i in range(m.c) for j in range(i))]
+        for b in range(m.b):
+            flag, eps = x["contacts"][0, b, 0], m.eps_m[1][b] * varied["softer"][0, b]
+            a, b_t = x["j_x"][0, b] * s, -x["j_q"][0, b].T
+            d, taut = out["s2_tendon_dir"][b], out["s2_tendon_gain"][b] * out["s2_gate"][b]
+            k = out["s2_k_spring"][b] + taut * np.outer(d, d)
+            c_bt = np.linalg.solve(k, b_t)  # (C, 3)
+            wa = np.linalg.solve(b_t.T @ c_bt + eps * np.eye(3), a)  # (3, 6)
+            force, out_by = wa @ dx, flag * inverse @ wa.T  # (3), (6, 3)
+            slopes[:, m.stiff + b] = out_by @ (eps * force)
+            nominal = np.zeros((m.c, m.c))
+            nominal[rows, cols] = varied["chol"][0, b]
+            change = np.linalg.cholesky(out["s2_k_spring"][b]) @ np.linalg.inv(nominal)
+            for p, term in enumerate(m.t["theta_terms"][1:, b] * np.exp(self.theta[: m.stiff, None])):
+                added = np.zeros((m.c, m.c))
+                added[rows, cols] = added[cols, rows] = term[:-1]
+                d_k = change @ added @ change.T
+                if term[-1]:
+                    d_k = d_k + taut * term[-1] / varied["tendon_gain"][0, b] * np.outer(d, d)
+                slopes[:, p] -= out_by @ c_bt.T @ d_k @ c_bt @ force
+            twist = self._twist(x)[b] * flag
+            normal = np.concatenate([np.zeros(3), x["contacts"][0, b, 4:7]]) * s
+            slopes[:, m.stiff + b] += twist * inverse @ normal * (normal @ dx)
+        return slopes
+
+    def _twist(self, x: dict[str, Array]) -> Array:
+        """(B) stiffness of the contacts about their normals."""
+        whole = x | self.model.varied(x | {"theta": self.theta[None]})
+        return np.asarray(self.model.springs("s2", self.model.features("s2", whole), whole)["twist"][0])
+
+    def _absorbed(self, slopes: Array, error: Array, variance: float) -> tuple[Array, Array, float]:
+        """Covariance and change of the logarithms, and the sum of the normalised squares."""
+        s = self.settings
+        p = s.memory * self.covariance + (1 - s.memory) * s.prior**2 * np.eye(len(self.covariance))
+        change, squares = np.zeros(len(p)), 0.0
+        for h, e in zip(slopes, error, strict=True):
+            spread = p @ h
+            size, surprise = h @ spread + variance, e - h @ change
+            squares += surprise**2 / size
+            change = change + spread * surprise / size
+            p = p - np.outer(spread, spread) / size
+            p[np.diag_indices(len(p))] = np.maximum(np.diag(p), LEAST_VARIANCE)
+        return p, change, squares
+
+    def _count(self, state: Mapping[str, NDArray]) -> None:
+        """How many pushes of the present grasp there were."""
+        now = np.concatenate([np.asarray(state["q"], float), np.asarray(state["x_ht"], float) / self.model.s])
+        most = np.array([SAME_JOINT_RAD] * (len(now) - 6) + [SAME_TOOL_M] * 6)
+        new = self._grasp is None or bool((np.abs(now - self._grasp) > most).any())
+        self._grasp, self._in_grasp = (now, 1) if new else (self._grasp, self._in_grasp + 1)
+
+    def push(self, state: Mapping[str, NDArray], dx_ht: NDArray) -> int:
+        """Learn from a measured state and displacement (6); what became of it."""
+        s, x = self.settings, self.corrected(state)
+        measured = np.asarray(dx_ht, float) / self.model.s
+        self._count(state)
+        error = measured - self.motion(x, self.theta)["s2_dx"] / self.model.s
+        variance = self._in_grasp * (s.noise_m**2 + s.model_share**2 * measured @ measured)
+        slopes = self.slopes(x)
+        covariance, change, squares = self._absorbed(slopes, error, variance)
+        if squares > SLIP:
+            return SLIPPED
+        if squares > DOUBTFUL:
+            covariance, change, _ = self._absorbed(slopes, error, variance * squares / DOUBTFUL)
+        share = min(1.0, s.step / max(float(np.abs(change).max()), 1e-30))
+        theta = self.theta.copy()
+        theta[: len(change)] = np.clip(theta[: len(change)] + share * change, -s.bound, s.bound)
+        after = measured - self.motion(x, theta)["s2_dx"] / self.model.s
+        if after @ after > error @ error:
+            return WORSE
+        self.theta = theta
+        if share == 1.0:
+            self.covariance = covariance
+        return DOUBTED if squares > DOUBTFUL else LEARNED
