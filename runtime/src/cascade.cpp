@@ -30,7 +30,7 @@ static_assert(offsetof(aminn_output_t, condition) - offsetof(aminn_output_t, dx_
               "copied as a whole");
 
 // What both stages share of an input.
-void prepare(aminn_t &ctx, const aminn_input_t &in, Scene &scene)
+AMINN_INLINE void prepare(aminn_t &ctx, const aminn_input_t &in, Scene &scene)
 {
     make_network_input(*ctx.model, in, ctx);
     make_scene(*ctx.model, in, scene);

@@ -294,7 +294,7 @@ static void store_stiffness(const Grasp &grasp, const float inv_scale[kMotion], 
     }
 }
 
-static void make_scene(const aminn_model_t &model, const aminn_input_t &in, Scene &scene)
+AMINN_INLINE void make_scene(const aminn_model_t &model, const aminn_input_t &in, Scene &scene)
 {
     const float inv_length = 1.0F / model.length_scale;
     for (int i = 0; i < 3; ++i) {

@@ -5,9 +5,10 @@
 namespace aminn {
 namespace {
 
-bool width_ok(uint32_t width)
+// zero from 1 to AMINN_MAX_WIDTH
+uint32_t beyond(uint32_t width)
 {
-    return width >= 1 && width <= AMINN_MAX_WIDTH;
+    return (width - 1u) / AMINN_MAX_WIDTH;
 }
 
 // what a model must have from n_branch on
@@ -23,7 +24,7 @@ bool dims_ok(const aminn_model_t &m)
     for (const uint8_t wanted : kDims) {
         wrong |= *dim++ ^ wanted;
     }
-    return wrong == 0 && width_ok(m.contact_width) && width_ok(m.width) && width_ok(m.classifier_width);
+    return (wrong | beyond(m.contact_width) | beyond(m.width) | beyond(m.classifier_width)) == 0;
 }
 
 // The top bit is set if one of these finite numbers is not above zero.

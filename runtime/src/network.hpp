@@ -21,7 +21,7 @@ static void normalise(const float *v, const float *mean, const float *inv_std, i
 }
 
 // contact_input: per branch [c, c * contact features, c * j_q]; slog_w: w_e in signed logarithm
-static void make_network_input(const aminn_model_t &model, const aminn_input_t &in, aminn_t &ctx)
+AMINN_INLINE void make_network_input(const aminn_model_t &model, const aminn_input_t &in, aminn_t &ctx)
 {
     for (int b = 0; b < kBranch; ++b) {
         float *u = ctx.contact_input + b * kBranchFeature;
@@ -51,13 +51,16 @@ static void run_backbone(const aminn_model_t &model, const aminn_stage_model_t &
     normalise(ctx.contact_input, stage.contact_mean, stage.contact_inv_std, AMINN_N_CONTACT_INPUT, contact);
     dense(stage.contact_w, model.weight_type, stage.contact_b, contact, AMINN_N_CONTACT_INPUT, hc, kRectified,
           ctx.layer_in);
-    float *global = ctx.layer_in + hc; // q, x_ht and w_e, with which the input begins, slog_w, and what is told
+    const float *mean = stage.global_mean;
+    const float *inv_std = stage.global_inv_std;
+    float *global = ctx.layer_in + hc;
+    normalise(reinterpret_cast<const float *>(&in), mean, inv_std, kContacts, global); // q, x_ht, w_e: it begins so
+    mean += kContacts;
+    inv_std += kContacts;
+    global += kContacts;
+    normalise(ctx.slog_w, mean, inv_std, AMINN_N_WRENCH, global);
     const int told = static_cast<int>(model.n_told);
-    normalise(reinterpret_cast<const float *>(&in), stage.global_mean, stage.global_inv_std, kContacts, global);
-    normalise(ctx.slog_w, stage.global_mean + kContacts, stage.global_inv_std + kContacts, AMINN_N_WRENCH,
-              global + kContacts);
-    normalise(ctx.varied->told, stage.global_mean + AMINN_N_GLOBAL_INPUT, stage.global_inv_std + AMINN_N_GLOBAL_INPUT,
-              told, global + AMINN_N_GLOBAL_INPUT);
+    normalise(ctx.varied->told, mean + AMINN_N_WRENCH, inv_std + AMINN_N_WRENCH, told, global + AMINN_N_WRENCH);
     dense(stage.trunk1_w, model.weight_type, stage.trunk1_b, ctx.layer_in, hc + AMINN_N_GLOBAL_INPUT + told, h,
           kRectified, ctx.layer_out);
     dense(stage.trunk2_w, model.weight_type, stage.trunk2_b, ctx.layer_out, h, h, kRectified, ctx.feature);

@@ -102,9 +102,9 @@ struct Table {
 [[gnu::noinline]] inline void find_table(const aminn_model_t &m, TableInfo info, Table &table)
 {
     std::memcpy(&table.numbers, reinterpret_cast<const char *>(&m) + info.place * sizeof(void *), sizeof(void *));
-    table.n = 1;
+    uint32_t n = 1;
     uint32_t extents = info.extents;
-    uint32_t width = (info.kind & kTold) != 0 ? m.n_told : 0;
+    uint32_t width = info.kind / kTold * m.n_told;
     do {
         const uint32_t which = extents / kContactWidth % 4;
         if (which != 0) {
@@ -113,10 +113,11 @@ struct Table {
             std::memcpy(&own, reinterpret_cast<const char *>(&m) + place, sizeof own);
             width += own;
         }
-        table.n *= width + extents % kContactWidth;
+        n *= width + extents % kContactWidth;
         width = 0;
         extents >>= kExtentBits;
     } while (extents != 0);
+    table.n = n;
     table.size = sizeof(float) >> (info.kind & m.weight_type);
 }
 
