@@ -429,6 +429,12 @@ bool step(const aminn_calibrator_settings_t &settings, const float *change, floa
     return whole;
 }
 
+// Sets the calibration's theta; false where its springs do not hold.
+bool take(aminn_calibrator_t &c, const float *theta)
+{
+    return aminn_calibration_set(&c.calibration, c.calibration.model, theta) == AMINN_OK;
+}
+
 // The push in ctx.input, with the calibrator's tables in use.
 aminn_status_t learn(aminn_t &ctx, aminn_calibrator_t &c, Push &push)
 {
@@ -452,11 +458,8 @@ aminn_status_t learn(aminn_t &ctx, aminn_calibrator_t &c, Push &push)
     std::memcpy(kept, c.calibration.theta, sizeof kept);
     std::memcpy(theta, kept, sizeof theta);
     const bool whole = step(c.settings, push.belief.change, theta);
-    const aminn_model_t *model = ctx.model;
-    bool better = aminn_calibration_set(&c.calibration, model, theta) == AMINN_OK;
-    better = better && try_push(ctx, 0, push) <= before;
-    if (!better) {
-        aminn_calibration_set(&c.calibration, model, kept);
+    if (!(take(c, theta) && try_push(ctx, 0, push) <= before)) {
+        take(c, kept);
         c.outcome = AMINN_PUSH_WORSE;
         return AMINN_OK;
     }
