@@ -53,9 +53,11 @@ def draw(lab_hand: Hand, predict: Predict) -> Draw:
     def drawn(
         seed: int, pushes: int = 10, grasps: int = 2, error: float = ERROR, off: Array | None = None, vary: float = 0.5
     ) -> tuple[Pushes, Array]:
-        rng = np.random.default_rng(seed)
+        rng, radius = np.random.default_rng(seed), np.array([b.tip_radius_m for b in lab_hand.branches])
         theta = draw_theta(rng, lab_hand, 1, vary)[0]
         states = [draw_inputs(rng, lab_hand) for _ in range(grasps)]
+        for x in states:  # contacts on the round tips
+            x["contacts"][:, 1:4] = lab_hand.tips(x["q"]) + radius[:, None] * x["contacts"][:, 4:7]
         rows = [{k: states[i % grasps][k] for k in ("q", "x_ht", "contacts")} for i in range(pushes)]
         fields = {name: np.stack([row[name] for row in rows]) for name in rows[0]}
         w_e = np.stack([draw_wrench(rng) for _ in range(pushes)])

@@ -66,7 +66,7 @@ def written(tmp_path_factory: pytest.TempPathFactory, run: Path, draw: Draw) -> 
 
 def test_json_says_everything(written: Path, run_hand: Hand, run: Path) -> None:
     found, names = json.loads(written.read_text()), Theta(run_hand).names
-    for key in ("theta", "sd", "prior_sd", "units"):
+    for key in ("theta", "mean", "sd", "prior_sd", "units"):
         assert set(found[key]) == set(names)
     assert found["after"]["relative_error_median"] < found["before"]["relative_error_median"]
     assert found["hand_sha256"] == run_hand.sha256 and found["run_sha256"] == load_checkpoint(run).sha256

@@ -50,7 +50,7 @@ from .simulation import run_simulation
 
 Array = NDArray[np.float64]
 Figures = dict[str, Any]
-VERSION = 1
+VERSION = 2
 """To be raised with every change of the figures, so that kept records are made again."""
 
 
@@ -232,7 +232,7 @@ def one_calibration(world: World, name: str, data: Dataset, truth: Array, condit
     found = calibrate(predict, pushes, Prior(), world.errors[name], condition.noise, look_for_mistakes=False)
     refused = bool(list(refusals(found)))
     used = 0 * found.theta if refused else found.theta
-    inside = np.abs(found.fit.theta - theta) <= Z90 * found.fit.sd
+    inside = np.abs(found.fit.mean - theta) <= Z90 * found.fit.sd
     share = found.fit.sd / found.prior.sd(space)
     return {
         "before": judge(checkpoint, rest, np.zeros(len(space))),
@@ -242,7 +242,7 @@ def one_calibration(world: World, name: str, data: Dataset, truth: Array, condit
         "blend": found.held_out.blend,
         "inside": inside.tolist(),
         "sd_share": share.round(4).tolist(),
-        "z": ((found.fit.theta - theta) / found.fit.sd).round(4).tolist(),
+        "z": ((found.fit.mean - theta) / found.fit.sd).round(4).tolist(),
         "error": (used - theta).round(5).tolist(),
         "held_out": [float(np.median(e)) for e in (found.held_out.before, found.held_out.after)],
     }

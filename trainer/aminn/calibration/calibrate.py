@@ -12,7 +12,7 @@ from aminn_base.errors import AminnError
 from aminn_hand.theta import Theta
 
 from ..evaluation.analysis import SensorNoise, noisy_state
-from .fit import Errors, Fit, Prior, fit
+from .fit import Z90, Errors, Fit, Prior, fit
 from .mistakes import Found, find_mistakes
 from .pushes import Array, Predict, Pushes, relative_errors, scaled
 
@@ -65,6 +65,11 @@ class Calibration:
         return Theta(self.pushes.hand)
 
     @property
+    def intervals(self) -> Array:
+        """(2, P) ends of the intervals that hold the hand's own theta with 90 %."""
+        return self.fit.mean + Z90 * np.array([[-1.0], [1.0]]) * self.fit.sd
+
+    @property
     def undetermined(self) -> list[str]:
         """Names of parameters that the pushes say little of."""
         share = self.fit.sd / self.prior.sd(self.space)
@@ -107,7 +112,7 @@ def fit_parsimonious(
         return whole, factors | True
     covariance = np.where(factors[:, None] & factors, few.covariance, whole.covariance)
     covariance[factors[:, None] != factors] = 0.0
-    return replace(few, covariance=covariance), factors
+    return replace(few, mean=np.where(factors, few.mean, whole.mean), covariance=covariance), factors
 
 
 def _folds(pushes: Pushes) -> tuple[str, list[NDArray[np.bool_]]]:

@@ -29,14 +29,16 @@ LEAST_MOTION = 1e-6
 """Of a push, in units of the pose error: 0.1 um."""
 ENOUGH, MOST_DAMPING = 0.05, 1.0
 """Gain of the loss below which a fit is done, and the damping above which it gives up."""
-BIAS = {"spring": 0.3, "servo": 0.2, "tendon": 0.2, "contact": 0.3}
+BIAS = {"spring": 0.3, "servo": 0.2, "tendon": 0.2, "contact": 0.3, "zero": 0.01, "radius": 0.0005}
 """Of a model told stiffnesses; kinds that are not named have none."""
 MOST_GRASPS = 40
 """As many are looked at for a model's errors."""
 BIAS_PUSHES, BIAS_DRAWS = ((10, 2), (40, 5)), 2
 """(pushes, grasps) of the fits that the bias is found from, and how many of each hand."""
-BIAS_SWEEPS, MOST_BIAS, HELD = 2, 1.0, 0.9
-"""Rounds over the kinds, the greatest bias that is tried, and the share that intervals are to hold."""
+BIAS_SWEEPS, HELD = 2, 0.9
+"""Rounds over the kinds, and the share that intervals are to hold."""
+MOST_BIAS = {"zero": 0.1, "radius": 0.01}
+"""The greatest bias that is tried; 1 for logarithms."""
 Z90 = 1.645
 """Standard deviations on each side of an interval that holds 90 %."""
 FREEDOMS = (1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 10.0)
@@ -72,17 +74,18 @@ class Errors:
     """Of Student's t: the fewer, the more slips are expected."""
     bias: Mapping[str, float] = field(default_factory=lambda: dict(BIAS))
     """Standard deviations of what all grasps of a hand have in common and no number of pushes averages out, in
-    logarithms of factors, by kind of parameter."""
+    units of theta, by kind of parameter."""
     floor: float = 1e-5
     """Of a push's error, in units of the pose error: what the measurement of motion is good for."""
 
 
 @dataclass(frozen=True)
 class Fit:
-    """The most probable theta."""
+    """The most probable theta, which predicts best; and what it says of the hand's own."""
 
     theta: Array  # (P)
-    covariance: Array  # (P, P)
+    mean: Array  # (P) of the hand's own: `theta` drawn towards zero as far as the model's bias could have made it
+    covariance: Array  # (P, P) of the hand's own, about `mean`
     deviations: Array  # (G, P) of each grasp, zeros and radius 0
     loss: float
     """Negative logarithm of the posterior density at theta and deviations, but for a constant."""
@@ -234,12 +237,13 @@ def fit(
     theta, deviations = problem.split(found.u)
     covariance, m = np.zeros((len(theta), len(theta))), len(problem.places)
     biased = variances_of(problem.space, errors.bias)[problem.places]
-    covariance[np.ix_(problem.places, problem.places)] = _widened(
-        found.covariance[:m, :m], problem.precision[:m], biased
-    )
+    own, mean = _widened(found.covariance[:m, :m], theta[problem.places], problem.precision[:m], biased)
+    covariance[np.ix_(problem.places, problem.places)] = own
     occam = 0.5 * (np.linalg.slogdet(found.covariance)[1] + np.log(problem.precision).sum())
     weights = problem.weights(found.residual)
-    return Fit(theta, covariance, deviations, found.loss, weights, float(occam - found.loss))
+    whole_mean = np.zeros(len(theta))
+    whole_mean[problem.places] = mean
+    return Fit(theta, whole_mean, covariance, deviations, found.loss, weights, float(occam - found.loss))
 
 
 def variances_of(space: Theta, bias: Mapping[str, float]) -> Array:
@@ -247,16 +251,21 @@ def variances_of(space: Theta, bias: Mapping[str, float]) -> Array:
     return np.array([bias.get(p.kind, 0.0) ** 2 for p in space.parameters])
 
 
-def _widened(covariance: Array, precision: Array, bias: Array) -> Array:
-    """Covariance (m, m) of a posterior whose data are off by a bias with variances (m); the prior's precision (m).
+def _widened(covariance: Array, theta: Array, precision: Array, bias: Array) -> tuple[Array, Array]:
+    """Covariance (m, m) and mean (m) of a posterior whose data are off by a bias with variances (m).
 
-    The data's own information is what the posterior's has beyond the prior's.
+    covariance and theta (m) are those without bias, precision (m) the prior's. The data's own information is what the
+    posterior's has beyond the prior's.
     """
-    values, vectors = np.linalg.eigh(np.linalg.inv(covariance) - np.diag(precision))
-    half = vectors * np.sqrt(np.maximum(values, 0.0))  # (m, m) half half^T is the data's information
-    # (D^-1 + B)^-1 = H (I + H^T B H)^-1 H^T with D = H H^T, which needs no inverse of D
-    inner = np.eye(len(values)) + half.T @ (bias[:, None] * half)
-    return np.asarray(np.linalg.inv(np.diag(precision) + half @ np.linalg.solve(inner, half.T)), np.float64)
+    known = np.linalg.inv(covariance)
+    values, vectors = np.linalg.eigh(known - np.diag(precision))
+    half = vectors * np.sqrt(np.maximum(values, 0.0))  # (m, m) half half^T is the data's information D
+    # (D^-1 + B)^-1 = H (I + H^T B H)^-1 H^T with D = H H^T, which needs no inverse of D; and so for what they say
+    inner = np.linalg.inv(np.eye(len(values)) + half.T @ (bias[:, None] * half))
+    told = known @ theta
+    told = told - half @ inner @ half.T @ (bias * told)
+    widened = np.linalg.inv(np.diag(precision) + half @ inner @ half.T)
+    return np.asarray(widened, np.float64), np.asarray(widened @ told, np.float64)
 
 
 def estimate_errors(
@@ -291,30 +300,36 @@ def estimate_errors(
 
 
 def _bias(predict: Predict, pushes: Pushes, theta: Array, hands: NDArray, errors: Errors) -> dict[str, float]:
-    """The bias with which 90 % intervals of each kind of factors hold 90 %, fitted to `BIAS_PUSHES`."""
-    rng, off, sure = np.random.default_rng(0), [], replace(errors, bias={})
-    space = Theta(pushes.hand)
-    free = np.arange(len(space)) < space.factors
-    precision, covariances = Prior().sd(space)[free] ** -2, []
+    """The bias with which 90 % intervals of each kind of parameter hold 90 %, fitted to `BIAS_PUSHES`.
+
+    Those of factors are of fits in which factors alone are free, those of zeros and radius of fits with all free.
+    """
+    rng, sure, space = np.random.default_rng(0), replace(errors, bias={}), Theta(pushes.hand)
+    factors = np.arange(len(space)) < space.factors
+    kinds = np.array([p.kind for p in space.parameters])
+    precision = Prior().sd(space) ** -2
+    fitted: list[tuple[Mask, Fit, Array]] = []
     for hand in np.unique(hands):
         own = np.flatnonzero(hands == hand)
         for count, of in (budget for budget in BIAS_PUSHES for _ in range(BIAS_DRAWS)):
             grasps = rng.permutation(np.unique(pushes.grasp_id[own]))[:of]
             rows = rng.permutation(own[np.isin(pushes.grasp_id[own], grasps)])[:count]
-            found = fit(predict, pushes.take(rows), None, sure, free)
-            off.append(np.abs(found.theta - theta[own[0]])[free])
-            covariances.append(found.covariance[np.ix_(free, free)])
-    kinds = np.array([p.kind for p in space.parameters])[free]
+            for free in (factors, factors | True):
+                fitted.append((free, fit(predict, pushes.take(rows), None, sure, free), theta[own[0]]))
     bias = dict.fromkeys(kinds.tolist(), 0.0)
 
     def held(kind: str, value: float) -> float:
-        variances = variances_of(space, bias | {kind: value})[free]
-        sds = np.sqrt([np.diag(_widened(c, precision, variances)) for c in covariances])
-        return float((np.array(off) <= Z90 * sds)[:, kinds == kind].mean())
+        variances, inside = variances_of(space, bias | {kind: value}), []
+        for free, found, true in fitted:
+            if free.all() == (kind in MOST_BIAS):
+                covariance = found.covariance[np.ix_(free, free)]
+                spread, mean = _widened(covariance, found.theta[free], precision[free], variances[free])
+                inside.append((np.abs(mean - true[free]) <= Z90 * np.sqrt(np.diag(spread)))[kinds[free] == kind])
+        return float(np.mean(inside))
 
     for _ in range(BIAS_SWEEPS):
         for kind in bias:
-            low, high = 0.0, MOST_BIAS
+            low, high = 0.0, MOST_BIAS.get(kind, 1.0)
             for _ in range(8):
                 middle = 0.5 * (low + high)
                 low, high = (middle, high) if held(kind, middle) < HELD else (low, middle)

@@ -32,7 +32,7 @@ def theta_figure(found: Calibration) -> Figure:
         for row, i in enumerate(own):
             colour = GREY if parameters[i].name in found.undetermined else BLUE
             _interval(ax, row, 0.0, scale[unit] * Z90 * prior[i], "#e3e3e3", 7)
-            _interval(ax, row, scale[unit] * found.theta[i], scale[unit] * Z90 * sd[i], colour, 2)
+            _interval(ax, row, scale[unit] * found.fit.mean[i], scale[unit] * Z90 * sd[i], colour, 2)
             ax.plot(scale[unit] * found.theta[i], row, "o", color=colour, markersize=5)
         ax.set_yticks(range(len(own)), [parameters[i].name for i in own])
         ax.set_ylim(len(own) - 0.5, -0.5)
@@ -71,7 +71,15 @@ def write_calibration_page(found: Calibration, out: AnyPath) -> None:
     rows: list[dict[str, Any]] = []
     for i, p in enumerate(found.space.parameters):
         value = f"x {math.exp(found.theta[i]):.3f}" if p.unit == "1" else f"{found.theta[i]:+.5f} {p.unit}"
-        cells = [p.name, value, f"{found.theta[i]:+.4f}", f"{sd[i]:.4f}", f"{prior[i]:.4f}", ", ".join(p.parts)]
+        cells = [
+            p.name,
+            value,
+            f"{found.theta[i]:+.4f}",
+            f"{found.fit.mean[i]:+.4f}",
+            f"{sd[i]:.4f}",
+            f"{prior[i]:.4f}",
+            ", ".join(p.parts),
+        ]
         rows.append({"cells": cells, "open": p.name in out_of})
     held_out = found.held_out
 
@@ -85,12 +93,12 @@ def write_calibration_page(found: Calibration, out: AnyPath) -> None:
         ("parameters that the pushes do not determine", f"{len(out_of)} of {len(found.space)}"),
         ("mistakes in the data", "; ".join(m.mistake.detail for m in found.mistakes) or "none seen"),
     ]
-    caption = "Points and lines: theta with 90 % intervals. Wide grey: the prior's. Narrow grey: not determined."
+    caption = "Points: theta that predicts best. Lines: 90 % intervals of the hand's own. Wide grey: the prior's."
     pictures = [
         picture("Theta", caption, theta_figure(found)),
         picture("Errors", "Below the line a push is predicted better than before.", error_figure(found)),
     ]
-    headings = ("parameter", "value", "theta", "sd", "sd of the prior", "parts")
+    headings = ("parameter", "value", "theta", "mean", "sd", "sd of the prior", "parts")
     write_page(
         "calibration.html.j2", out, hand=found.pushes.hand.name, summary=summary, pictures=pictures, rows=rows,
         headings=headings,
