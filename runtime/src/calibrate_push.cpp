@@ -149,13 +149,13 @@ void look_at(const aminn_t &ctx, int b, Branch &branch, Matrix<3, kMotion> &rows
     Matrix<3, 3> inverse = {{1.0F}, {0.0F, 1.0F}, {0.0F, 0.0F, 1.0F}}; // M^-1/2
     substitute<3, 3>(soft, inverse);
     Matrix<kCoord, kCoord> nominal = {};
-    const float *packed = ctx.varied->chol + AMINN_N_CHOLESKY * b;
-    const float *below = packed + kCoord;
+    const float *chol = ctx.varied->chol + AMINN_N_CHOLESKY * b;
+    const float *below = chol + kCoord;
     for (int r = 0; r < kCoord; ++r) {
         for (int c = 0; c < r; ++c) {
             nominal[r][c] = *below++;
         }
-        nominal[r][r] = packed[r];
+        nominal[r][r] = chol[r];
     }
     Matrix<kCoord, 3> seen; // T^T K^-1 B^T M^-T/2
     const float root_eps = root(eps);
@@ -446,7 +446,8 @@ aminn_status_t learn(aminn_t &ctx, aminn_calibrator_t &c, Push &push)
         push.belief.variance = push.belief.variance * (squares * (1.0F / kDoubtful));
         absorb(c, push);
     }
-    if (before == kUnsound || !all_finite(push.belief.covariance, sizeof push.belief / sizeof(float))) {
+    if (before == kUnsound ||
+        !all_finite(reinterpret_cast<const float *>(&push.belief), sizeof push.belief / sizeof(float))) {
         return AMINN_E_NUMERIC;
     }
     if (squares > kSlipped) {
@@ -530,7 +531,7 @@ aminn_status_t aminn_calibrate_push(aminn_t *ctx, aminn_calibrator_t *calibrator
     if (calibration.model != ctx->model || calibration.varied.told != calibration.theta) {
         return AMINN_E_CALIBRATION;
     }
-    status = check_input(before->q, AMINN_N_STATE);
+    status = check_input(reinterpret_cast<const float *>(before), AMINN_N_STATE);
     if (status == AMINN_OK && !all_finite(dx_ht, AMINN_N_WRENCH)) {
         status = AMINN_E_NONFINITE;
     }
@@ -566,7 +567,7 @@ aminn_status_t aminn_calibrate_push(aminn_t *ctx, aminn_calibrator_t *calibrator
         calibrator->pushes = calibrator->pushes + 1;
         calibrator->in_grasp = in_grasp;
         if (!same) {
-            std::memcpy(calibrator->grasp, before->q, sizeof calibrator->grasp);
+            std::memcpy(calibrator->grasp, before, sizeof calibrator->grasp); // begins with q and x_ht
         }
     }
     return status;
