@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,6 +58,7 @@ def made_up(joints: tuple[int, ...], tendons: tuple[int, ...], name: str) -> Han
     return Hand(name, tuple(branches), (0.0, 0.0, 1.0))
 
 
+@cache
 def shipped(name: str) -> Hand:
     """One of sim/models/hands."""
     return understand(SHIPPED / f"{name}.toml").hand

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +32,7 @@ from aminn_rt.compiled import runtime
 from aminn_sim.open_hand import default_hand_file
 from aminn_sim.understand import understand
 
-ALL: dict[str, Callable[[], Hand]] = {"reference": lambda: understand(default_hand_file()).hand, **HANDS}
+ALL: dict[str, Callable[[], Hand]] = {"reference": cache(lambda: understand(default_hand_file()).hand), **HANDS}
 N = 40
 NEEDED = ("arm-none-eabi-gcc", "qemu-system-arm", "cmake")
 E_CALIBRATION = -24
