@@ -8,7 +8,7 @@ constexpr int kZeros = AMINN_N_FACTOR; // where the joints' zeros stand in theta
 constexpr int kRadius = AMINN_N_THETA - 1;
 
 // Place of an entry of a packed triangle, row >= column.
-constexpr int packed(int row, int column)
+constexpr int entry_at(int row, int column)
 {
     return row == column ? row : kCoord + row * (row - 1) / 2 + column;
 }
@@ -36,7 +36,7 @@ void substitute(const float *l, Square &a)
         for (int r = 0; r < kCoord; ++r) {
             float sum = a[r][c];
             for (int k = 0; k < r; ++k) {
-                sum = subtract_product(sum, l[packed(r, k)], x[c][k]);
+                sum = subtract_product(sum, l[entry_at(r, k)], x[c][k]);
             }
             x[c][r] = sum / l[r];
         }
@@ -69,7 +69,7 @@ bool add_to_springs(const float *nominal, float *chol)
     Square a;
     for (int r = 0; r < kCoord; ++r) {
         for (int c = 0; c <= r; ++c) {
-            a[r][c] = a[c][r] = chol[packed(r, c)];
+            a[r][c] = a[c][r] = chol[entry_at(r, c)];
         }
     }
     substitute(nominal, a);
@@ -80,11 +80,11 @@ bool add_to_springs(const float *nominal, float *chol)
     const bool held = factor(a);
     for (int r = 0; r < kCoord; ++r) {
         for (int c = 0; c <= r; ++c) {
-            float sum = nominal[packed(r, c)] * a[c][c];
+            float sum = nominal[entry_at(r, c)] * a[c][c];
             for (int k = c + 1; k <= r; ++k) {
-                sum = add_product(sum, nominal[packed(r, k)], a[k][c]);
+                sum = add_product(sum, nominal[entry_at(r, k)], a[k][c]);
             }
-            chol[packed(r, c)] = sum;
+            chol[entry_at(r, c)] = sum;
         }
     }
     return held;

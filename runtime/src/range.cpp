@@ -30,15 +30,7 @@ constexpr char kNames[] = // clang-format off
 #endif
     "none"; // clang-format on
 
-constexpr int names()
-{
-    int n = 0;
-    for (const char c : kNames) {
-        n += c == '\0';
-    }
-    return n;
-}
-static_assert(names() == AMINN_N_STATE + 1, "AMINN_JOINT_NAMES (aminn_hand.h) names each joint once");
+static_assert(aminn::texts_in(kNames) == AMINN_N_STATE + 1, "AMINN_JOINT_NAMES (aminn_hand.h) names each joint once");
 
 } // namespace
 
