@@ -395,8 +395,8 @@ typedef struct aminn_output {
     /* engagement of each branch's tendon, 0 .. 1 */
     float gate[AMINN_N_BRANCH];
 
-    /* how far apart the stiffnesses of the grasped tool lie: trace(K) trace(K^-1), K the stiffness with lengths divided by
-     * length_scale, of the last stage that ran. At least K's condition number and at most 36 times that. */
+    /* how far apart the stiffnesses of the grasped tool lie: trace(K) trace(K0^-1), K the stiffness with lengths divided by
+     * length_scale, K0 the same without tendons, of the last stage that ran. At least K's condition number. */
     float condition;
 
     /* 1: the grasp holds (p_stable >= tau); 0: it does not */

@@ -51,7 +51,7 @@ struct Scene {
 struct StaticsSummary {
     float x_s[kMotion]; // scaled displacement, m
     Row diag_k_s;       // diagonal of the scaled stiffness, N/m
-    float condition;    // trace(K) trace(K^-1), scaled
+    float condition;    // trace(K) trace(K0^-1), scaled; K0 has no tendons
 };
 
 enum Wanted : unsigned { kWantStiffness = 1, kWantDeflection = 2 }; // of k_x and dq0, which nothing else depends on
