@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,9 +14,10 @@ from click.testing import CliRunner, Result
 from made_up import Draw
 from synthetic import write_dataset
 
+from aminn.calibration.calibrate import calibrate, refusals
 from aminn.calibration.fit import Errors
 from aminn.calibration.mistakes import mistakes_of
-from aminn.calibration.pushes import FIELDS, Pushes
+from aminn.calibration.pushes import FIELDS, Predict, Pushes
 from aminn.calibration.store import calibrated, errors_of, read_calibration, write_errors
 from aminn.data.dataset import load_dataset
 from aminn.model.checkpoint import load_checkpoint, save_checkpoint
@@ -132,6 +134,37 @@ def test_calibrations_of_another_hand_or_damaged(written: Path, run_hand: Hand, 
     file.write_text(json.dumps(content | {"theta": {name: "a" for name in content["theta"]}}))
     with pytest.raises(AminnError, match="is no number"):
         read_calibration(file, run_hand)
+    names = Theta(run_hand).names
+    for name, value in ((names[0], -3.01), (names[1], float("nan")), (names[-2], 1.01), (names[-1], 10**400)):
+        file.write_text(json.dumps(content | {"theta": content["theta"] | {name: value}}))
+        with pytest.raises(AminnError, match=rf"theta.{name} is not within \+-"):
+            read_calibration(file, run_hand)
+
+
+@pytest.mark.parametrize(
+    ("option", "text"),
+    [
+        ("--prior nan 1 0.01", "prior: log is nan, expected more than 0 and at most 3"),
+        ("--prior 0.3 2 0.01", "prior: zero_rad is 2, expected more than 0 and at most 1"),
+        ("--prior 0.3 0.02 inf", "prior: radius_m is inf, expected more than 0 and at most 0.05"),
+        ("--noise nan", "noise is nan, expected 0 to 100"),
+        ("--noise 1e30", "noise is 1e+30, expected 0 to 100"),
+    ],
+)
+def test_priors_and_noise_that_nothing_has(option: str, text: str, run: Path, draw: Draw, tmp_path: Path) -> None:
+    data = table(draw(1, 8, 2)[0], tmp_path / "pushes.csv")
+    result = call("--run", run, "--data", data, "--out", tmp_path / "c.json", *option.split())
+    assert (result.exit_code, result.output) == (1, f"Error: {text}\n")
+    assert [f.name for f in tmp_path.iterdir()] == ["pushes.csv"]
+
+
+def test_theta_that_no_model_takes_is_refused(draw: Draw, predict: Predict) -> None:
+    found = calibrate(predict, draw(1, 8, 2)[0], look_for_mistakes=False)
+    assert not found.beyond and not list(refusals(found))
+    soft = replace(found, theta=np.where(np.arange(len(found.space)) == 1, -3.5, found.theta))
+    assert soft.beyond == [found.space.names[1]]
+    (text,) = refusals(soft)
+    assert f"beyond what any prediction takes ({found.space.names[1]})" in text
 
 
 def test_errors_beside_a_checkpoint_are_those_of_its_weights(run: Path, tmp_path: Path, model: Aminn) -> None:

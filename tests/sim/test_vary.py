@@ -253,6 +253,7 @@ def test_what_cannot_be_varied_is_named(tmp_path: Path, words: list[str], messag
         ('{"theta": {"contact_thumb": -1.4}}', r"contact_thumb is -1.4 .*expected -1.386 to 3: a contact's time"),
         ('{"theta": {"contact_thumb": "soft"}}', r"m.json: theta.contact_thumb is 'soft', expected a finite number"),
         ('{"theta": {"contact_thumb": NaN}}', r"m.json: theta.contact_thumb is nan, expected a finite number"),
+        (f'{{"theta": {{"contact_thumb": {10**400}}}}}', f"theta.contact_thumb is {10**400}, expected a finite number"),
         ('{"theta": [0.1]}', r'm.json: expected {"theta": {NAME: VALUE}}'),
         ("{}", r'm.json: expected {"theta": {NAME: VALUE}}'),
         ("", "m.json: is empty"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import math
+import sys
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 from pathlib import Path
@@ -75,7 +75,7 @@ def read_mechanics(file: Path) -> dict[str, float]:
     if not isinstance(theta, dict):
         raise AminnError(f'{file}: expected {{"theta": {{NAME: VALUE}}}}, as aminn calibrate writes it')
     for name, value in theta.items():
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= sys.float_info.max:
             raise AminnError(f"{file}: theta.{name} is {value!r}, expected a finite number")
     return theta
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError
 from aminn_hand.theta import Theta
+from aminn_rt.status import theta_bounds
 
 from ..evaluation.analysis import SensorNoise, noisy_state
 from .fit import Z90, Errors, Fit, Prior, fit
@@ -22,7 +23,7 @@ UNDETERMINED = 0.8
 """A parameter is not determined where its standard deviation stays above this share of the prior's."""
 BLENDS = (1.0, 0.5)
 """Shares of the fitted theta that are tried on the held-out pushes."""
-NOISE_DRAWS = 24
+NOISE_DRAWS, MOST_NOISE = 24, 100.0
 GEOMETRY_EVIDENCE = 4.0
 """By how much the logarithm of the evidence must rise for joint zeros and tip radius to be changed."""
 
@@ -75,6 +76,12 @@ class Calibration:
         share = self.fit.sd / self.prior.sd(self.space)
         return [name for name, s in zip(self.space.names, share, strict=True) if s > UNDETERMINED]
 
+    @property
+    def beyond(self) -> list[str]:
+        """Names of parameters that no model takes: beyond the bounds of aminn_rt.h."""
+        bounds = theta_bounds(len(self.space), len(self.pushes.hand.joints))
+        return [n for n, t, bound in zip(self.space.names, self.theta, bounds, strict=True) if not abs(t) <= bound]
+
 
 def _size(errors: Array) -> float:
     return float(np.log(np.maximum(errors, 1e-6)).mean())
@@ -83,9 +90,12 @@ def _size(errors: Array) -> float:
 def noise_of(predict: Predict, pushes: Pushes, factor: float) -> Array | None:
     """What sensor noise of `factor` times `SensorNoise` does to each predicted displacement.
 
-    (n) standard deviation of a component in units of the pose error; None without noise.
+    (n) standard deviation of a component in units of the pose error; None without noise. Raises AminnError for a factor
+    that no sensor has.
     """
-    if factor <= 0:
+    if not 0 <= factor <= MOST_NOISE:  # nor where it is NaN
+        raise AminnError(f"noise is {factor:g}, expected 0 to {MOST_NOISE:g}")
+    if factor == 0:
         return None
     state = {name: getattr(pushes, name) for name in ("q", "x_ht", "w_e", "contacts")}
     zero = np.zeros((len(pushes), len(Theta(pushes.hand))))
@@ -183,4 +193,9 @@ def refusals(found: Calibration) -> Iterator[str]:
         yield (
             f"theta from some of the pushes makes the others worse: their error goes from {b:.1%} to {a:.1%} of the "
             "motion; the hand's description is kept. Give more pushes of more grasps, or look at these"
+        )
+    elif found.beyond:
+        yield (
+            f"theta would be beyond what any prediction takes ({', '.join(found.beyond)}); the hand's description is "
+            "kept. Give more pushes of more grasps, or a narrower --prior"
         )

@@ -16,8 +16,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from aminn_base.errors import AminnError
 from aminn_hand.hand import N_WRENCH
 from aminn_hand.theta import Theta
+from aminn_rt.status import MAX_LOG_FACTOR, MAX_RADIUS_M, MAX_ZERO_RAD
 
 from .pushes import Array, Predict, Pushes, scaled
 
@@ -55,6 +57,13 @@ class Prior:
     """Of a joint's zero."""
     radius_m: float = 0.001
     """Of the tips' radius."""
+
+    def __post_init__(self) -> None:
+        """Raises AminnError for what is no deviation, or beyond the bound of what it is of."""
+        for name, most in (("log", MAX_LOG_FACTOR), ("zero_rad", MAX_ZERO_RAD), ("radius_m", MAX_RADIUS_M)):
+            value = getattr(self, name)
+            if not 0 < value <= most:  # nor where it is NaN
+                raise AminnError(f"prior: {name} is {value:g}, expected more than 0 and at most {most:g}")
 
     def sd(self, space: Theta) -> Array:
         """(P) in the order of theta."""

@@ -14,6 +14,7 @@ from aminn_base.files import write_atomically, write_json
 from aminn_base.read import AnyPath, read_json, require
 from aminn_hand import Hand
 from aminn_hand.theta import Theta
+from aminn_rt.status import theta_bounds
 
 from ..data.dataset import Dataset
 from ..data.origin import check_hand, same_configuration
@@ -144,7 +145,8 @@ def write_calibration(out: AnyPath, found: Calibration, run_sha256: str) -> list
 
 
 def read_calibration(path: AnyPath, hand: Hand) -> Array:
-    """theta (P) of a calibration of `hand`. Raises AminnError where it is of another hand, or no calibration."""
+    """theta (P) of a calibration of `hand`. Raises AminnError where it is of another hand, or no calibration,
+    or one that no hand has."""
     content, space = read_json(path, "a calibration"), Theta(hand)
     if content.get("format_version") != FORMAT_VERSION:
         found = content.get("format_version", "none")
@@ -156,9 +158,11 @@ def read_calibration(path: AnyPath, hand: Hand) -> Array:
         why = f"{strange[0]} is not in both" if strange else "the descriptions differ"
         raise AminnError(f"{path}: of hand {content['hand']}, not of {hand.name} ({why}); {ANEW}")
     theta = [values[name] for name in space.names]
-    bad = [n for n, v in zip(space.names, theta, strict=True) if isinstance(v, bool) or not isinstance(v, int | float)]
-    if bad:
-        raise OutdatedError(f"{path}: theta.{bad[0]} is no number; {ANEW}")
+    for name, value, bound in zip(space.names, theta, theta_bounds(len(space), len(hand.joints)).tolist(), strict=True):
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise OutdatedError(f"{path}: theta.{name} is no number; {ANEW}")
+        if not abs(value) <= bound:  # nor where it is NaN
+            raise OutdatedError(f"{path}: theta.{name} is not within +-{bound:g}; {ANEW}")
     return np.array(theta, float)
 
 
