@@ -256,6 +256,15 @@ def test_theta_by_calibration_or_with_the_rows(models: dict[str, Predictor], x: 
         assert set(each.predict(x, calibration=theta).status) == {Status.CALIBRATION}
 
 
+def test_a_calibration_makes_states_of_a_data_set_right_as_those_of_a_table(
+    models: dict[str, Predictor], x: Arrays, data_dir: Path
+) -> None:
+    for model in (models["torch"], models["runtime"]):
+        theta = np.zeros(len(model.theta_names))
+        theta[Theta(model.hand).zeros], theta[-1] = 0.02, 0.001
+        near(model.predict(data_dir, calibration=theta), model.predict(x, calibration=theta))
+
+
 def test_a_told_model_takes_theta_in_every_engine(x: Arrays, data_dir: Path, tmp_path: Path) -> None:
     untrained_run(tmp_path / "run", data_dir, told=True)
     export(tmp_path / "run", tmp_path / "export", data_dir=data_dir)

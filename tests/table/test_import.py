@@ -13,14 +13,15 @@ from record import Message, messages, record, wrench
 from test_bags import map_text
 
 from aminn.data.dataset import Dataset, load_dataset
-from aminn.data.measured import mean_forces
+from aminn.data.measured import CORRECTED, FALLBACKS, mean_forces
 from aminn.data.regimes import regimes
 from aminn.evaluation.analysis import breakdown, gate_figures
 from aminn.evaluation.evaluate import learned
+from aminn.evaluation.predict import true_states
 from aminn.model.checkpoint import load_checkpoint
 from aminn_app.cli import main
 from aminn_base.errors import AminnError
-from aminn_hand.hand import rotation
+from aminn_hand.hand import STATE, rotation
 from aminn_hand.theta import Theta
 from aminn_sim.open_hand import default_hand_file
 from aminn_table import read_map, read_table, write_table
@@ -190,17 +191,30 @@ def test_pushes_that_all_held_teach_the_second_stage_alone(
 
 
 def test_theta_is_kept_for_each_grasp(truth: Dataset, simulated: Path, tmp_path: Path) -> None:
-    names, grasp = Theta(truth.hand).names, truth.samples["grasp_id"]
-    theta = np.where(grasp[:, None] % 3 == 1, 0.1, 0.0) * np.ones(len(names))
-    theta[:, -9:] *= 0.01
-    data, _ = imported(truth, simulated, tmp_path, {"theta": theta})
-    assert data.manifest["theta_names"] == list(names)
+    space, grasp = Theta(truth.hand), truth.samples["grasp_id"]
+    theta = np.where(grasp[:, None] % 3 == 1, 0.1, 0.0) * (np.arange(len(space)) < space.factors)
+    data, said = imported(truth, simulated, tmp_path, {"theta": theta})
+    assert data.manifest["theta_names"] == list(space.names) and CORRECTED not in said
     np.testing.assert_array_equal(data.grasps["theta"][data.grasp_rows()], theta)
     np.testing.assert_array_equal(data.grasps["hand_id"][data.grasp_rows()], grasp % 3 == 1)
     theta[1, 0] = 0.5
     write_table(tmp_path / "mixed.csv", truth.hand, as_measured(truth) | {"theta": theta})
     done = aminn("import", tmp_path / "mixed.csv", "--like", simulated, "--out", tmp_path / "mixed", code=1)
     assert "theta changes within grasp" in done.stderr
+
+
+def test_states_are_made_right_by_zeros_and_radius_that_theta_tells(
+    truth: Dataset, simulated: Path, tmp_path: Path
+) -> None:
+    space, measured = Theta(truth.hand), as_measured(truth)
+    theta = np.tile(np.where(np.arange(len(space)) < space.factors, 0.1, 0.001), (len(truth), 1))
+    data, said = imported(truth, simulated, tmp_path, {"theta": theta})
+    assert CORRECTED in said and data.manifest[FALLBACKS] == [CORRECTED]
+    right = true_states(truth.hand, *(measured[name] for name in STATE), theta)
+    for name in ("q", "contacts", "j_x", "j_q"):
+        np.testing.assert_allclose(data.samples[name], right[name], atol=1e-12)
+    np.testing.assert_array_equal(data.samples["theta"][:, : space.factors], 0.1)
+    np.testing.assert_array_equal(data.samples["theta"][:, space.factors :], 0.0)
 
 
 SENSORS: dict[str, tuple[list[int], tuple[str, ...]]] = {

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from aminn.data.dataset import load_dataset
-from aminn.data.measured import mean_forces, write_measured
+from aminn.data.measured import FALLBACKS, mean_forces, write_measured
 from aminn.model.checkpoint import META, load_checkpoint
 from aminn_base.errors import AminnError
 from aminn_base.files import refuse_inputs
@@ -63,7 +63,7 @@ def run_import(
     manifest = write_measured(out, of, arrays, notes)
     if table:
         write_table(table, of, measured)
-    for note in notes:
+    for note in manifest[FALLBACKS]:
         echo(note)
     return manifest
 

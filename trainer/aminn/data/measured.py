@@ -27,6 +27,7 @@ from .dataset import MEASURED, ORIGIN, SCHEMA_VERSION, read_manifest
 SHARD = "shard-00000.h5"
 FALLBACKS = "fallbacks"
 """Key of the manifest: what stood in for sensors that were missing."""
+CORRECTED = "joint angles and contacts are made right by the joint zeros and radius that theta tells"
 INPUTS = ("q", "x_ht", "w_e", "contacts")
 
 
@@ -34,9 +35,15 @@ def write_measured(out: Path, hand: Hand, arrays: Mapping[str, NDArray], fallbac
     """Write the data set of checked arrays, with a row a push and no gaps, to folder `out`; returns its manifest.
 
     Needs q, x_ht, w_e, contacts, dx_ht and grasp_id; `stable` is 1 where it is not told. Rows keep their order, time_s
-    is kept; theta, where it is told, is one of each grasp. A folder that holds another data set is refused.
+    is kept; theta, where it is told, is one of each grasp. Its joint zeros and radius make states right, and are 0 in
+    the data set. A folder that holds another data set is refused.
     """
     rows, n = {name: np.asarray(values) for name, values in arrays.items()}, len(arrays["grasp_id"])
+    factors = Theta(hand).factors
+    if "theta" in rows and rows["theta"][:, factors:].any():
+        rows["q"], rows["contacts"] = Theta(hand).corrected(rows["theta"], rows["q"], rows["contacts"])
+        rows["theta"] = np.where(np.arange(len(Theta(hand))) < factors, rows["theta"], 0.0)
+        fallbacks = [*fallbacks, CORRECTED]
     samples = {name: rows[name].astype(np.float64) for name in (*INPUTS, "dx_ht")}
     samples["j_x"], samples["j_q"] = closure(hand, samples["q"], samples["x_ht"], samples["contacts"])
     samples["grasp_id"] = rows["grasp_id"].astype(np.int64)

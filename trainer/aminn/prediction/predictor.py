@@ -175,7 +175,7 @@ class Predictor:
         contacts (N, B, 8), and if they are known j_x (N, B, 3, 6), j_q (N, B, 3, C), theta (N, P). An array without
         the leading dimension, or with one row, is the same for all.
         calibration: the file that `aminn calibrate` wrote, or theta (P) itself. It says how measured angles and
-        contacts are read; where j_x and j_q are given they are taken to be read already.
+        contacts are read; where arrays of j_x and j_q are given they are taken to be read already.
         by: what a table calls otherwise, in a table's file or bag.
         threads: how many cores; 0: all.
         progress: told how many rows are done.
@@ -191,6 +191,8 @@ class Predictor:
             if "theta" in x:
                 raise AminnError("predict: the table tells theta already; leave out its columns, or the calibration")
             x["theta"] = np.tile(self.theta_of(calibration), (len(x["q"]), 1))
+            if not isinstance(table, Mapping) and not arrays:
+                x.pop("j_x", None), x.pop("j_q", None)  # of states as they were measured
         n, parts = len(x["q"]), []
         for at in range(0, max(n, 1), CHUNK):
             parts.append(self.engine.run({k: v[at : at + CHUNK] for k, v in x.items()}, threads))
