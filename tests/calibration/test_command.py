@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 from dataclasses import replace
@@ -18,7 +19,7 @@ from aminn.calibration.calibrate import calibrate, refusals
 from aminn.calibration.fit import Errors
 from aminn.calibration.mistakes import mistakes_of
 from aminn.calibration.pushes import FIELDS, Predict, Pushes
-from aminn.calibration.store import calibrated, errors_of, read_calibration, write_errors
+from aminn.calibration.store import KEPT, calibrated, errors_of, read_calibration, write_errors
 from aminn.data.dataset import load_dataset
 from aminn.model.checkpoint import load_checkpoint, save_checkpoint
 from aminn.model.network import Aminn
@@ -63,6 +64,7 @@ def written(tmp_path_factory: pytest.TempPathFactory, run: Path, draw: Draw) -> 
     result = call("--run", run, "--data", data, "--out", out, "--page", folder / "page.html")
     assert result.exit_code == 0, result.output
     assert "left out in turn" in result.output and "not determined" in result.output
+    assert KEPT in result.output and "left out\n" not in result.output, result.output
     return out
 
 
@@ -112,6 +114,46 @@ def test_what_makes_things_worse_is_refused(run: Path, draw: Draw, tmp_path: Pat
     result = call("--run", run, "--data", data, "--out", tmp_path / "calibration.json", "--as-told")
     assert result.exit_code == 1 and "makes the others worse" in result.output
     assert [f.name for f in tmp_path.iterdir()] == ["pushes.csv"]
+
+
+def test_pushes_that_count_for_nothing_are_told(run: Path, draw: Draw, tmp_path: Path) -> None:
+    """Those that the table says did not hold are left out; those that slipped unnoticed are counted, by grasp."""
+    pushes = draw(1, 20, 4, vary=0.2)[0]
+    dx = np.array(pushes.dx_ht)
+    dx[5] *= -6.0
+    arrays = {name: np.array(getattr(pushes, name)) for name in FIELDS} | {"grasp_id": pushes.grasp_id}
+    arrays |= {"w_e": 0.01 * arrays["w_e"], "dx_ht": 0.01 * dx, "stable": (np.arange(20) > 1).astype(np.uint8)}
+    data = tmp_path / "pushes.csv"
+    write_table(data, pushes.hand, arrays)
+    out, page = tmp_path / "calibration.json", tmp_path / "page.html"
+    result = call("--run", run, "--data", data, "--out", out, "--page", page)
+    assert result.exit_code == 0, result.output
+    assert "18 of 20 pushes held; the others are left out" in result.output
+    found = json.loads(out.read_text())
+    line = re.search(r"(\d+) of 18 pushes slipped .*: of grasps ([\d, ]+); the error of the others goes", result.output)
+    assert line and int(line[1]) == found["slips"] > 0 and "1" in line[2].split(", ")
+    assert f"<td>{line[1]}</td>" in page.read_text() and found["pushes"] == 18
+
+
+def test_every_fault_of_a_table_is_named(run: Path, draw: Draw, tmp_path: Path) -> None:
+    pushes = draw(1, 8, 2)[0]
+    data = table(pushes.told(q=np.rad2deg(pushes.q) + 700.0), tmp_path / "pushes.csv")
+    result = call("--run", run, "--data", data, "--out", tmp_path / "calibration.json")
+    assert result.exit_code == 1
+    assert result.output.count("are these degrees?") == pushes.q.shape[1]
+
+
+def test_a_map_gives_a_table_its_names(written: Path, run: Path, tmp_path: Path) -> None:
+    data, by, out = tmp_path / "pushes.csv", tmp_path / "map.toml", tmp_path / "calibration.json"
+    data.write_text((written.parent / "pushes.csv").read_text().replace("w_e_fx", "Fx"))
+    by.write_text('[columns]\nw_e_fx = "Fx"\n')
+    assert call("--run", run, "--data", data, "--out", out).exit_code == 1
+    result = call("--run", run, "--data", data, "--map", by, "--out", out)
+    assert result.exit_code == 0, result.output
+    assert out.read_bytes() == written.read_bytes()
+    write_dataset(tmp_path / "data", grasps=8)
+    refused = call("--run", run, "--data", tmp_path / "data", "--map", by, "--out", tmp_path / "no.json")
+    assert refused.exit_code == 1 and "a data set takes no map" in refused.output
 
 
 def test_inputs_are_not_overwritten(run: Path, draw: Draw, tmp_path: Path) -> None:

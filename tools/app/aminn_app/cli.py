@@ -299,7 +299,8 @@ def evaluate(
 
 @main.command()
 @click.option("--run", "checkpoint", type=EXISTING, required=True, help="Checkpoint folder.")
-@click.option("--data", type=FILE_OR_FOLDER, required=True, help="Pushes of the hand: a table, or a data set.")
+@click.option("--data", type=FILE_OR_FOLDER, required=True, help="Pushes of the hand: a table, a bag or a data set.")
+@click.option("--map", "map_file", type=READABLE, help="TOML file: where a table or bag has what is called otherwise.")
 @click.option("--out", type=NEW_FILE, required=True, help="Write theta here (JSON); a C table beside it, .h.")
 @click.option(
     "--prior",
@@ -314,14 +315,15 @@ def evaluate(
     type=click.FloatRange(0),
     default=0.0,
     show_default=True,
-    help="Sensor noise of the states, in multiples of docs/evaluation.md's.",
+    help="How noisy your sensors are, in multiples of docs/evaluation.md's under noisy sensors; 0: not at all.",
 )
 @click.option(
     "--errors-from",
     type=EXISTING,
-    help="Find on this data set with known theta (the training's will do) how wrong the model is; kept in the run.",
+    help="Measure the model's own errors on this data set of known hands (simulated with --vary mechanics=...; "
+    "the training's will do). Kept in the run, as errors.json.",
 )
-@click.option("--as-told", is_flag=True, help="Take the data as they are told to be, whatever they look like.")
+@click.option("--as-told", is_flag=True, help="Go on where the data look misread: take them as they stand.")
 @click.option("--page", type=NEW_FILE, help="Write a page with plots here (HTML).")
 def calibrate(
     checkpoint: Path,
@@ -332,6 +334,7 @@ def calibrate(
     errors_from: Path | None,
     as_told: bool,
     page: Path | None,
+    map_file: Path | None,
 ) -> None:
     """Fit a hand's stiffnesses, contacts, joint zeros and tip radius to a few measured pushes.
 
@@ -348,12 +351,19 @@ def calibrate(
     from aminn.data.dataset import load_dataset
     from aminn.model.checkpoint import load_checkpoint
     from aminn_base.files import check_outputs
+    from aminn_table import TableError, read_map
 
-    check_outputs([out, out.with_suffix(".h"), page], [checkpoint, data, errors_from])
+    from .importing import tell_faults
+
+    check_outputs([out, out.with_suffix(".h"), page], [checkpoint, data, errors_from, map_file])
     loaded = load_checkpoint(checkpoint)
     if errors_from:
         click.echo(f"errors: {write_errors(loaded, learn_errors(loaded, load_dataset(errors_from)))}")
-    pushes, notes = read_pushes(data, loaded)
+    try:
+        pushes, notes = read_pushes(data, loaded, read_map(map_file) if map_file else None)
+    except TableError as error:
+        tell_faults(error, click.echo)
+        raise
     for note in notes:
         click.echo(note)
     chosen = Prior(*prior) if prior else Prior()

@@ -72,9 +72,14 @@ def _read(table: Path, hand: Hand, by: Map, echo: Callable[[str], object]) -> Ar
     try:
         return read_table(table, hand, LABELLED, by)
     except TableError as error:
-        for fault in error.faults[1 : SHOWN_FAULTS + 1]:
-            echo(f"{table}: {fault}")
+        tell_faults(error, echo)
         raise
+
+
+def tell_faults(error: TableError, echo: Callable[[str], object]) -> None:
+    """Every fault of a table but the first, which the error itself names."""
+    for fault in error.faults[1 : SHOWN_FAULTS + 1]:
+        echo(f"{error.source}: {fault}")
 
 
 def _together(tables: Sequence[Path], parts: Sequence[Arrays]) -> Arrays:

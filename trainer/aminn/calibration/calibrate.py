@@ -21,6 +21,8 @@ LEAST_PUSHES = 4
 FOLDS, FOLD_ITERATIONS = 5, 6
 UNDETERMINED = 0.8
 """A parameter is not determined where its standard deviation stays above this share of the prior's."""
+SLIPPED = 0.1
+"""A push that counts less than this has slipped, or fits no hand."""
 BLENDS = (1.0, 0.5)
 """Shares of the fitted theta that are tried on the held-out pushes."""
 NOISE_DRAWS, MOST_NOISE = 24, 100.0
@@ -60,6 +62,8 @@ class Calibration:
     fitted_after: Array  # (n) with theta
     mistakes: tuple[Found, ...]
     """Readings that explain the data better; empty where they are as they are told to be."""
+    free: NDArray[np.bool_]
+    """(P) whether a parameter was fitted; the others stay at 0."""
 
     @property
     def space(self) -> Theta:
@@ -69,6 +73,11 @@ class Calibration:
     def intervals(self) -> Array:
         """(2, P) ends of the intervals that hold the hand's own theta with 90 %."""
         return self.fit.mean + Z90 * np.array([[-1.0], [1.0]]) * self.fit.sd
+
+    @property
+    def slipped(self) -> NDArray[np.bool_]:
+        """(n) whether a push counts for hardly anything."""
+        return self.fit.weights < SLIPPED
 
     @property
     def undetermined(self) -> list[str]:
@@ -176,7 +185,7 @@ def calibrate(
     theta = held_out.blend * found.theta
     before, after = (relative_errors(predict(pushes, np.tile(t, (len(pushes), 1))), pushes) for t in (0 * theta, theta))
     mistakes = find_mistakes(predict, pushes, prior, errors, spread) if look_for_mistakes else []
-    return Calibration(pushes, found, theta, held_out, prior, errors, noise, before, after, tuple(mistakes))
+    return Calibration(pushes, found, theta, held_out, prior, errors, noise, before, after, tuple(mistakes), free)
 
 
 def refusals(found: Calibration) -> Iterator[str]:

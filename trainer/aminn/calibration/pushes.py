@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from aminn_base.errors import AminnError
 from aminn_base.read import AnyPath
 from aminn_hand import Hand
-from aminn_table import complete, read_table
+from aminn_table import Map, complete, read_table
+from aminn_table.bags import is_bag
 from aminn_table.columns import PUSH
 
 from ..data.dataset import Dataset, load_dataset
@@ -109,21 +110,30 @@ def predictor(model: Aminn | Mlp) -> Predict:
     return predict
 
 
-def read_pushes(path: AnyPath, checkpoint: Checkpoint) -> tuple[Pushes, tuple[str, ...]]:
-    """The pushes of a data set (a folder) or of a table of pushes that the grasp held, and notes on missing sensors.
+def read_pushes(path: AnyPath, checkpoint: Checkpoint, by: Map | None = None) -> tuple[Pushes, tuple[str, ...]]:
+    """The pushes that held of a data set, a table or a ROS 2 bag; and notes: missing sensors, pushes left out.
 
-    Raises AminnError for another hand than the checkpoint's, and for whatever is wrong with the data.
+    `by` says where a table or bag has what is called otherwise here. Raises AminnError for another hand than the
+    checkpoint's, and for whatever is wrong with the data.
     """
-    if Path(path).is_dir():
+    if Path(path).is_dir() and not is_bag(path):
+        if by is not None:
+            raise AminnError(f"{path}: a data set takes no map; give --map with a table or a bag")
         data = load_dataset(path)
         check_hand(checkpoint, data)
-        return pushes_of(data), ()
+        pushes = pushes_of(data)
+        return pushes, _left_out(len(data), len(pushes))
     hand = checkpoint.model.hand
-    table, notes = complete(hand, read_table(path, hand, PUSH))
+    table, notes = complete(hand, read_table(path, hand, PUSH, by))
     held = np.asarray(table.get("stable", np.ones(len(table["q"])))) > 0
     if not held.any():
         raise AminnError(f"{path}: none of the {len(held)} pushes was held; {HELD}")
     fields = {name: np.asarray(table[name], np.float64)[held] for name in FIELDS}
     states = np.concatenate([fields["q"], fields["x_ht"]], 1)
     grasps = table["grasp_id"][held] if "grasp_id" in table else np.unique(states, axis=0, return_inverse=True)[1]
-    return Pushes(hand, **fields, grasp_id=np.asarray(grasps, np.int64)), notes
+    pushes = Pushes(hand, **fields, grasp_id=np.asarray(grasps, np.int64))
+    return pushes, (*notes, *_left_out(len(held), len(pushes)))
+
+
+def _left_out(given: int, held: int) -> tuple[str, ...]:
+    return (f"{held} of {given} pushes held; the others are left out",) if held < given else ()

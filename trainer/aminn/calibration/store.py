@@ -29,6 +29,7 @@ FORMAT_VERSION = 1
 KEYS: dict[str, type | tuple[type, ...]] = {"format_version": int, "hand": str, "hand_sha256": str, "theta": dict}
 ANEW = "run `aminn calibrate` again"
 SYMBOL = "aminn_calibration_theta"
+KEPT = "joint zeros and tip radius stay as described: the pushes do not ask for another value"
 LEAST_GRASPS = 5
 """Of a hand, for the bias of a model to show."""
 ERRORS = "errors.json"
@@ -97,7 +98,7 @@ def as_json(found: Calibration, run_sha256: str) -> dict[str, Any]:
         "before": _figures(found.held_out.before),
         "after": _figures(found.held_out.after),
         "noise": found.noise,
-        "slips": int((found.fit.weights < 0.1).sum()),
+        "slips": int(found.slipped.sum()),
         "mistakes": [{"name": m.mistake.name, "detail": m.mistake.detail, "gain": m.gain} for m in found.mistakes],
     }
 
@@ -105,20 +106,36 @@ def as_json(found: Calibration, run_sha256: str) -> dict[str, Any]:
 def as_text(found: Calibration) -> str:
     """What was found, for a terminal."""
     before, after = (_figures(e) for e in (found.held_out.before, found.held_out.after))
-    rows = [["parameter", "used", "90 % from", "to", "unit"]]
+    rows, parts = [["parameter", "used", "90 % from", "to", "unit"]], ["parts"]
     for p, value, low, high in zip(found.space.parameters, found.theta, *found.intervals, strict=True):
         if p.name not in found.undetermined:
             shown = [math.exp(v) if p.unit == "1" else v for v in (value, low, high)]
             rows.append([p.name, *(f"{v:.4g}" for v in shown), "of nominal" if p.unit == "1" else p.unit])
+            parts.append(", ".join(p.parts))
     return "\n".join(
         [
-            *align_columns(rows),
-            f"not determined: {', '.join(found.undetermined) or 'none'}",
+            *map("  ".join, zip(align_columns(rows), parts, strict=True)),
+            f"not determined, the pushes say little of: {', '.join(found.undetermined) or 'none'}",
+            *([] if found.free.all() else [KEPT]),
+            *_slips(found),
             f"error of {len(found.pushes)} pushes, each {found.held_out.by} left out in turn: "
             f"{before['relative_error_median']:.1%} of the motion before, {after['relative_error_median']:.1%} after "
             f"(p90 {before['relative_error_p90']:.1%}, {after['relative_error_p90']:.1%})",
         ]
     )
+
+
+def _slips(found: Calibration) -> list[str]:
+    slipped, (before, after) = found.slipped, (found.held_out.before, found.held_out.after)
+    if not slipped.any():
+        return []
+    grasps = ", ".join(map(str, np.unique(found.pushes.grasp_id[slipped])))
+    count = f"{slipped.sum()} of {len(slipped)} pushes"
+    line = f"{count} slipped or fit no hand, and count for hardly anything: of grasps {grasps}"
+    if slipped.all():
+        return [line]
+    b, a = (float(np.median(errors[~slipped])) for errors in (before, after))
+    return [f"{line}; the error of the others goes from {b:.1%} to {a:.1%}"]
 
 
 def as_header(content: dict[str, Any]) -> str:

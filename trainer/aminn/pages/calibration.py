@@ -8,14 +8,17 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from aminn_base.read import AnyPath
 
 from ..calibration.calibrate import Calibration
 from ..calibration.fit import Z90
+from ..calibration.store import KEPT
 from .report import new_figure, picture, tidy, write_page
 
 BLUE, GREY = "#1f5fa8", "#9a9a9a"
+LEGEND_GRASPS = 10
 
 
 def theta_figure(found: Calibration) -> Figure:
@@ -54,14 +57,22 @@ def error_figure(found: Calibration) -> Figure:
     before, after = (100 * e for e in (found.held_out.before, found.held_out.after))
     low, high = 0.8 * min(before.min(), after.min()), 1.25 * max(before.max(), after.max())
     left.plot([low, high], [low, high], color="#111111", linewidth=0.9)
-    grasps = found.pushes.grasps
-    for g in range(grasps.max() + 1):
-        left.plot(before[grasps == g], after[grasps == g], "o", markersize=5, alpha=0.8)
+    numbers, grasps = np.unique(found.pushes.grasp_id, return_inverse=True)
+    for g, number in enumerate(numbers):
+        own, colour = np.flatnonzero(grasps == g), f"C{g % 10}"
+        left.plot(before[own], after[own], "o", color=colour, markersize=5, alpha=0.8, label=f"grasp {number}")
+        right.bar(own + 1, found.fit.weights[own], color=colour)
     left.set_xscale("log")
     left.set_yscale("log")
-    tidy(left, "error before, % of the motion", "after", "held-out pushes, a colour a grasp")
-    right.bar(range(len(grasps)), found.fit.weights, color=BLUE)
-    tidy(right, "push", "weight", "what each push counted: a slip about 0")
+    for axis in (left.xaxis, left.yaxis):
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter(NullFormatter())
+    if len(numbers) <= LEGEND_GRASPS:
+        left.legend(fontsize=8, frameon=False)
+    tidy(left, "error before, % of the motion", "error after, % of the motion", "held-out pushes, a colour a grasp")
+    right.xaxis.set_major_locator(MaxNLocator(integer=True))
+    tidy(right, "push that held, in the order of the data", "weight", "what each push counted: a slip about 0")
     return figure
 
 
@@ -87,15 +98,21 @@ def write_calibration_page(found: Calibration, out: AnyPath) -> None:
         return f"{np.median(errors):.1%} median, {np.quantile(errors, 0.9):.1%} p90"
 
     summary = [
-        ("pushes, grasps", f"{len(found.pushes)}, {found.pushes.grasps.max() + 1}"),
+        ("pushes that held, grasps", f"{len(found.pushes)}, {found.pushes.grasps.max() + 1}"),
+        ("of these slipped, or fit no hand", str(found.slipped.sum())),
         (f"error of the displacement before, each {held_out.by} left out in turn", text(held_out.before)),
         ("after", text(held_out.after)),
         ("parameters that the pushes do not determine", f"{len(out_of)} of {len(found.space)}"),
         ("mistakes in the data", "; ".join(m.mistake.detail for m in found.mistakes) or "none seen"),
     ]
-    caption = "Points: theta that predicts best. Lines: 90 % intervals of the hand's own. Wide grey: the prior's."
+    caption = (
+        "Points: what is used, the theta that predicts best. Lines: 90 % intervals of the hand's own. Wide grey bars: "
+        "what was assumed before any push (the prior). Grey points and lines: the pushes say little of these."
+    )
+    if not found.free.all():
+        caption += f" {KEPT.capitalize()}."
     pictures = [
-        picture("Theta", caption, theta_figure(found)),
+        picture("Parameters (theta)", caption, theta_figure(found)),
         picture("Errors", "Below the line a push is predicted better than before.", error_figure(found)),
     ]
     headings = ("parameter", "value", "theta", "mean", "sd", "sd of the prior", "parts")
