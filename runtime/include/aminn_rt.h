@@ -625,8 +625,8 @@ aminn_status_t aminn_correct(const aminn_calibration_t *cal, aminn_state_t *stat
  *   theta       where to begin, AMINN_N_THETA numbers; null: nominal. Joint zeros and radius stay as they are here.
  *   settings    copied; null: aminn_calibrator_defaults.
  *
- * Returns AMINN_OK, AMINN_E_NULL, AMINN_E_CALIBRATION where a setting is out of its range, or what aminn_calibration_set()
- * returns.
+ * Returns AMINN_OK, AMINN_E_NULL, AMINN_E_CALIBRATION where a setting is out of its range or a factor of theta beyond the
+ * setting `bound`, or what aminn_calibration_set() returns.
  */
 aminn_status_t aminn_calibrator_init(aminn_calibrator_t *calibrator, const aminn_model_t *model,
                                      const float theta[AMINN_N_THETA], const aminn_calibrator_settings_t *settings);

@@ -484,6 +484,16 @@ bool settings_ok(const aminn_calibrator_settings_t &s)
            between(s.memory, kLeast, 1.0F);
 }
 
+// Else the first push would have to step further than the settings allow. What is no number is left to the calibration.
+bool begins_within(float bound, const float *theta)
+{
+    bool within = true;
+    for (int i = 0; theta != nullptr && i < kFactors; ++i) {
+        within &= !(std::fabs(theta[i]) > bound);
+    }
+    return within;
+}
+
 } // namespace
 } // namespace aminn
 
@@ -498,7 +508,7 @@ aminn_status_t aminn_calibrator_init(aminn_calibrator_t *calibrator, const aminn
         return AMINN_E_NULL;
     }
     const aminn_calibrator_settings_t chosen = settings == nullptr ? aminn_calibrator_defaults : *settings;
-    if (!settings_ok(chosen)) {
+    if (!settings_ok(chosen) || !begins_within(chosen.bound, theta)) {
         return AMINN_E_CALIBRATION;
     }
     const aminn_status_t status = aminn_calibration_set(&calibrator->calibration, model, theta);

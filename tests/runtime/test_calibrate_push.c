@@ -415,6 +415,14 @@ static void wrong_settings_are_refused(void)
     }
     theta[0] = NAN;
     assert_refused(AMINN_E_NONFINITE, aminn_calibrator_init(&calibrator, &model, theta, NULL));
+    for (i = 0; i < AMINN_N_FACTOR; ++i) { /* from beyond the bound a push would have to leap back */
+        memset(theta, 0, sizeof theta);
+        theta[i] = i % 2 ? -1.501F : 1.501F;
+        assert_refused(AMINN_E_CALIBRATION, aminn_calibrator_init(&calibrator, &model, theta, NULL));
+        theta[i] = -1.5F;
+        TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_calibrator_init(&calibrator, &model, theta, NULL));
+        memcpy(&calibrator, &untouched, sizeof calibrator);
+    }
     assert_refused(AMINN_E_NULL, aminn_calibrator_init(&calibrator, NULL, NULL, NULL));
     assert_refused(AMINN_E_NULL, aminn_calibrator_init(NULL, &model, NULL, NULL));
 }
