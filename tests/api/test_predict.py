@@ -277,6 +277,10 @@ def test_a_told_model_takes_theta_in_every_engine(x: Arrays, data_dir: Path, tmp
         near(each, found["runtime"])
     assert np.abs(found["torch"].dx_ht - models["torch"].predict(x).dx_ht).max() > 1e-4
     near(models["onnx"].predict(x), models["torch"].predict(x))  # none is nominal
+    nowhere = x | {"q": np.full_like(x["q"], np.nan)}
+    for model in models.values():
+        assert set(model.predict(nowhere).status) == {Status.NONFINITE}
+        assert len(model.predict({name: values[:0] for name, values in x.items()})) == 0
 
 
 def test_the_mlp_has_the_same_columns(mlp_dir: Path, models: dict[str, Predictor], x: Arrays) -> None:

@@ -56,4 +56,8 @@ def in_chunks(
 def run_onnx(session: ort.InferenceSession, inputs: dict[str, NDArray]) -> dict[str, NDArray[np.float32]]:
     """All outputs by name."""
     names = [o.name for o in session.get_outputs()]
-    return in_chunks(lambda chunk: dict(zip(names, session.run(names, chunk), strict=True)), inputs)
+    n = len(inputs["q"])
+    if n == 0:  # one row of a default, as theta's, does not go with none
+        inputs = {name: np.zeros((1, *rows.shape[1:]), rows.dtype) for name, rows in inputs.items()}
+    out = in_chunks(lambda chunk: dict(zip(names, session.run(names, chunk), strict=True)), inputs)
+    return {name: rows[:n] for name, rows in out.items()}
