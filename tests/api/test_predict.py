@@ -372,8 +372,9 @@ def test_bad_rows_are_told_and_counted(
     assert result.exit_code == 0, result.output
     assert "line 9: q_finger1_roll is empty or NaN" in result.stderr
     assert "line 6: no prediction: no branch is in contact" in result.stderr and "(and 1 more lines)" in result.stderr
-    assert "3 without a prediction" in result.stdout
     rows = [json.loads(line) for line in (tmp_path / "out.jsonl").read_text().splitlines()]
+    noted = sum(row["status"] == 0 and row["notes"] != "" for row in rows)
+    assert f"3 without a prediction, {noted} with notes" in result.stdout and noted > 0
     assert rows[6]["p_stable"] is None and rows[6]["status"] == -4 and rows[6]["q"][0] is None
     assert len(rows) == len(x["q"])
 

@@ -62,6 +62,15 @@ def bytes_of(folder: Path) -> dict[str, bytes]:
     return {file.name: file.read_bytes() for file in folder.iterdir()}
 
 
+@pytest.mark.parametrize("words", [["evaluate", "--run"], ["explain", "--sample", 0, "--run"], ["train", "--finetune"]])
+def test_a_table_where_a_data_set_is_due(
+    words: list[object], tables: dict[str, Path], own_run: Path, tmp_path: Path
+) -> None:
+    out = ["--out", tmp_path / "out"]
+    done = aminn(*words, own_run, "--data", tables[".csv"], *(out if words[0] == "train" else []), code=2)
+    assert f"`aminn import {tables['.csv']} --like RUN --out FOLDER`" in done.stderr and "Traceback" not in done.stderr
+
+
 def test_imported_pushes_are_the_simulated_ones(truth: Dataset, own: Path) -> None:
     data = load_dataset(own)
     assert data.measured and not truth.measured and data.hand == truth.hand

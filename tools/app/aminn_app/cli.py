@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -19,6 +19,23 @@ if TYPE_CHECKING:
 
 FOLDER = click.Path(path_type=Path, file_okay=False)
 EXISTING = click.Path(path_type=Path, file_okay=False, exists=True)
+
+
+class DataFolder(click.Path):
+    """The folder of a data set; says what to do with a table."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if Path(value).is_file():
+            self.fail(
+                f"{value} is a file, and this takes the folder of a data set; "
+                f"`aminn import {value} --like RUN --out FOLDER` makes one of a table of pushes",
+                param,
+                ctx,
+            )
+        return super().convert(value, param, ctx)
+
+
+DATA = DataFolder(path_type=Path, file_okay=False, exists=True)
 FILE_OR_FOLDER = click.Path(path_type=Path, exists=True)
 READABLE = click.Path(path_type=Path, exists=True, dir_okay=False)
 NEW_FILE = click.Path(path_type=Path, dir_okay=False)
@@ -187,7 +204,7 @@ def _print_config(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
 
 
 @main.command()
-@click.option("--data", type=EXISTING, required=True, help="Folder that `aminn simulate` wrote.")
+@click.option("--data", type=DATA, required=True, help="Folder that `aminn simulate` wrote.")
 @click.option("--out", type=FOLDER, required=True, help="Folder of the checkpoint; an unfinished run is gone on with.")
 @click.option("--model", "kind", type=click.Choice(["aminn", "mlp"]), default=None, help="AMINN or the baseline.")
 @click.option("--seed", type=click.IntRange(0), default=None, help="Weights and order of samples.")
@@ -259,7 +276,7 @@ def train(
 
 
 @main.command()
-@click.option("--data", type=EXISTING, required=True, help="Data set of the training, or another of the hand.")
+@click.option("--data", type=DATA, required=True, help="Data set of the training, or another of the hand.")
 @click.option("--run", "runs", type=EXISTING, multiple=True, required=True, help="Checkpoint folder; may be repeated.")
 @click.option(
     "--split",
@@ -382,7 +399,7 @@ def calibrate(
 
 @main.command()
 @click.option("--run", "checkpoint", type=EXISTING, required=True, help="Folder of an AMINN checkpoint.")
-@click.option("--data", type=EXISTING, required=True, help="Data set to draw the golden vectors from.")
+@click.option("--data", type=DATA, required=True, help="Data set to draw the golden vectors from.")
 @click.option("--out", type=FOLDER, required=True)
 @click.option("--prefix", default="aminn_model", show_default=True, help="Symbol prefix and file name of the C model.")
 @click.option("--name", help="What the model calls itself, on the target too  [default: the prefix]")
@@ -545,7 +562,7 @@ def compare(files: tuple[Path, ...], show: int, json_file: Path | None, junit_fi
 
 
 @main.command()
-@click.option("--data", type=EXISTING, required=True, help="Data set of the training, or another of the hand.")
+@click.option("--data", type=DATA, required=True, help="Data set of the training, or another of the hand.")
 @click.option("--run", "runs", type=EXISTING, multiple=True, required=True, help="Checkpoint folder; may be repeated.")
 @click.option(
     "--verification",
@@ -587,7 +604,7 @@ def report(
 
 @main.command()
 @click.option("--run", "checkpoint", type=EXISTING, required=True, help="Folder of an AMINN checkpoint.")
-@click.option("--data", type=EXISTING, required=True, help="Data set that the sample is taken from.")
+@click.option("--data", type=DATA, required=True, help="Data set that the sample is taken from.")
 @click.option("--sample", type=click.IntRange(0), required=True, help="Number of the load case in the data set.")
 @click.option("--out", type=NEW_FILE, default=None, help="Write the picture here (.png, .svg or .pdf).")
 @click.option("--json", "json_file", type=NEW_FILE, default=None, help="Write the numbers here.")

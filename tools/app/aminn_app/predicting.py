@@ -49,8 +49,9 @@ def run_prediction(
             click.echo(line)
         return
     found.write(out)
-    n, bad = len(found), int(np.count_nonzero(found.status))
-    click.echo(f"{n} rows, {int(found.holds.sum())} predicted to hold, {bad} without a prediction: {out}")
+    held, bad = int(found.holds.sum()), np.count_nonzero(found.status)
+    noted = np.count_nonzero(found.notes[found.status == 0])
+    click.echo(f"{len(found)} rows, {held} predicted to hold, {bad} without a prediction, {noted} with notes: {out}")
 
 
 def _table(table: str) -> Table:
