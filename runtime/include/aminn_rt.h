@@ -640,7 +640,7 @@ aminn_status_t aminn_calibrator_init(aminn_calibrator_t *calibrator, const aminn
  *   before      measured state before the load, and the load (w_e).
  *   dx_ht       measured displacement (6): m, rotation vector, rad. Of a grasp that held.
  *
- * Gives all pushes of one grasp one after another: each further one of a grasp counts less, since the model errs alike on
+ * Give all pushes of one grasp one after another: each further one of a grasp counts less, since the model errs alike on
  * them. A grasp is the same where no joint has turned by more than 0.02 rad, nor the tool moved by more than 2 mm.
  *
  * Takes less than two predictions. Returns AMINN_OK: see calibrator->outcome; AMINN_E_NULL; AMINN_E_NOT_INITIALISED;
