@@ -88,6 +88,8 @@ def test_c_table_is_that_of_the_json(written: Path, tmp_path: Path, run_hand: Ha
     compiler = shutil.which("cc") or pytest.skip("no C compiler: apt-get install gcc")
     subprocess.run([compiler, "-std=c99", "-Werror", "-Wall", "-o", tmp_path / "table", program], check=True)
     lines = subprocess.run([tmp_path / "table"], capture_output=True, text=True, check=True).stdout.split()
+    wrong = subprocess.run([compiler, "-fsyntax-only", "-DAMINN_N_THETA=3", program], capture_output=True, text=True)
+    assert wrong.returncode and "AMINN_N_THETA says another" in wrong.stderr
     theta = read_calibration(written, run_hand)
     assert np.array_equal([float.fromhex(line) for line in lines], theta.astype(np.float32))
 
