@@ -234,3 +234,4 @@ def test_evaluate_and_explain_take_a_calibration(
     result = CliRunner().invoke(main, [*command, "--calibration", str(written)])
     assert result.exit_code == plain.exit_code == 0, result.output + plain.output
     assert result.output != plain.output
+    assert "(times nominal)" in plain.output and "(times this hand's springs, by theta)" in result.output

@@ -79,6 +79,7 @@ def test_softest_motions_are_those_of_the_stiffness(runs: dict[str, Checkpoint],
         arc, _, axis = turn.lines
         np.testing.assert_allclose(np.linalg.norm(np.cross(arc - origin, turn.turn), axis=1), RING_M)
         np.testing.assert_allclose(np.cross(axis[1] - axis[0], turn.turn), 0, atol=1e-12)
+        assert axis[1][2] <= origin[2] + 1e-12  # above the tool a line would leave the picture
     (line,) = found[2].lines
     np.testing.assert_allclose(np.abs(line - origin), [[SHIFT_M, 0, 0]] * 2, atol=1e-12)
     assert all(f"{1e3 * c:.4f} mm/N" in as_text(e) for c in compliances)

@@ -43,7 +43,7 @@ class Explanation:
     joint: Array  # (B, C) joint deflection of pass 1, rad
     k_x: Array  # (6, 6) stiffness, SI
     dx: Array  # (6,) predicted motion
-    nominal_stiffness: Array  # (B, C) diagonal of the nominal springs, N.m/rad
+    nominal_stiffness: Array  # (B, C) diagonal of the springs as described, or as theta has them, N.m/rad
     of_training: bool = True  # whether the model was trained on data of this configuration and seed
 
     def row(self, name: str) -> Array:
@@ -58,6 +58,12 @@ class Explanation:
     def seen(self) -> str:
         """What the data's own motion is called."""
         return MEASURED if self.data.measured else "simulated"
+
+    @property
+    def springs_of(self) -> str:
+        """Whose springs `nominal_stiffness` is of."""
+        told = self.data.has_theta and np.any(self.row("theta"))
+        return "this hand's springs, by theta" if told else "nominal"
 
     def joints_of(self, branch: int) -> list[tuple[int, str]]:
         """(coordinate, name without the branch's own) of each joint of a branch."""
@@ -157,7 +163,7 @@ def as_text(e: Explanation) -> str:
         share = pose_error(e.dx[None], true[None], length_m)[0] / max(pose_size(true[None], length_m)[0], 1e-9)
         lines.append(f"  error       {share:.1%} of the motion")
     tendons = ", tendon direction, tendon stiffness, stretch, engagement" if e.hand.dims.gates else ""
-    lines += ["", f"fingers: joint stiffness (times nominal){tendons}"]
+    lines += ["", f"fingers: joint stiffness (times {e.springs_of}){tendons}"]
     for b, own in enumerate(e.hand.branches):
         branch, joints = own.name, e.joints_of(b)
         if e.row("contacts")[b, 0] == 0:
@@ -208,16 +214,21 @@ def softest(e: Explanation, count: int = 3) -> list[SoftMotion]:
         lines: list[Array] = []
         label_at = origin
         if np.linalg.norm(turn) > LEAST_SHARE:
-            axis = turn / np.linalg.norm(turn)
+            axis = _down(turn) / np.linalg.norm(turn)
             lines += turning(axis, origin + SPOKE_M * axis, RING_M)
             lines.append(np.stack([origin, origin + (SPOKE_M + RING_M) * axis]))
             label_at = lines[-1][1]
         if np.linalg.norm(shift) > LEAST_SHARE:
-            reach = SHIFT_M * shift
+            reach = SHIFT_M * _down(shift)
             lines.append(np.stack([origin - reach, origin + reach]))
             label_at = origin + reach if np.linalg.norm(shift) > np.linalg.norm(turn) else label_at
         motions.append(SoftMotion(float(compliances[rank]), shift, turn, tuple(lines), label_at))
     return motions
+
+
+def _down(direction: Array) -> Array:
+    """A direction whose sign is arbitrary, so that it stays in the picture: above the tool there is no room."""
+    return -direction if direction[2] > 0 else direction
 
 
 def draw(e: Explanation, out: AnyPath) -> None:
@@ -272,7 +283,7 @@ def draw(e: Explanation, out: AnyPath) -> None:
     many = len(names) > 9
     labels = [f"{hand.branches[b].name}{' ' if many else chr(10)}{joint}" for b, _, joint in names]
     bars.set_xticks(range(len(names)), labels, rotation=90 if many else 0)
-    bars.set_title("joint stiffness, times nominal", fontsize=9, loc="left")
+    bars.set_title(f"joint stiffness, times {e.springs_of}", fontsize=9, loc="left")
     work = figure.add_axes((0.68, 0.12, 0.3, 0.34))
     scaled = np.repeat([1e3, 1e3 * hand.length_m], 3)
     at = np.arange(6)
