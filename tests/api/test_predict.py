@@ -246,6 +246,11 @@ def test_theta_by_calibration_or_with_the_rows(models: dict[str, Predictor], x: 
         model.predict(**x, theta=theta, calibration=theta)
     with pytest.raises(AminnError, match=rf"shape \(3,\), expected \({len(names)},\)"):
         model.predict(x, calibration=np.zeros(3))
+    with pytest.raises(AminnError, match="calibration is no array of numbers"):
+        model.predict(x, calibration=["stiff"] * len(names))
+    for each in models.values():
+        with pytest.raises(AminnError, match="threads is -1"):
+            each.predict(x, threads=-1)
     near(models["runtime"].predict(x, calibration=theta), found)
     with pytest.raises(AminnError, match="takes no theta; choose runtime"):
         models["onnx"].predict(x, calibration=theta)

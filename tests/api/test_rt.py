@@ -61,6 +61,13 @@ def test_the_bits_are_those_of_the_known_answers_runtime(model: Model, states: S
     np.testing.assert_array_equal(found.status, status)
 
 
+def test_what_is_masked_is_not_measured(model: Model, states: States) -> None:
+    mask = np.zeros(states["q"].shape, bool)
+    mask[4, 2] = True
+    found = model.predict(**states | {"q": np.ma.masked_array(states["q"], mask)})
+    assert np.flatnonzero(found.status).tolist() == [4] and model.status_name(found.status[4]) == "AMINN_E_NONFINITE"
+
+
 def test_the_number_of_threads_changes_no_bit(model: Model, states: States) -> None:
     many = {name: np.resize(values, (1003, *values.shape[1:])) for name, values in states.items()}
     many["contacts"][::7, 0, 4:7] *= 2  # rows that are refused are somewhere in every thread's part
@@ -159,6 +166,8 @@ def test_theta_for_all_or_for_each(model: Model, states: States) -> None:
     [
         ({"q": np.zeros((4, 7))}, r"predict: q has shape \(4, 7\), expected \(N, 8\) or \(8,\)"),
         ({"contacts": "three"}, "predict: contacts is no array of numbers"),
+        ({"q": np.zeros((200, 8)) + 0j}, r"q is no array of numbers \(they are complex\)"),
+        ({"threads": 1.5}, "threads is 1.5, expected 0"),
         ({"w_e": np.zeros((4, 6))}, "different numbers of rows: q 200, x_ht 200, w_e 4, contacts 200"),
         ({"threads": -1}, "threads is -1"),
     ],

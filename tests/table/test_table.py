@@ -117,6 +117,8 @@ FAULTS: dict[str, tuple[Change, str]] = {
     "N.mm": (put("w_e", (1, 5), -150.0), "row 1: w_e_mz is -150 N.m"),
     "normals out of the tool": (scale("contacts", (..., slice(4, 7)), -1.0), "contact_thumb_nx, ny, nz points out of"),
     "kilonewtons": (scale("w_e", slice(None), 1e-3), "are these kilonewtons?"),
+    "no motion": (scale("dx_ht", slice(None), 0.0), "dx_ht is 0 in all 24 pushes that held: the tool never"),
+    "no load": (scale("w_e", slice(None), 0.0), "w_e is 0 in all 24 pushes that held: nothing pushed"),
     "reaction": (scale("w_e", slice(None), -1.0), "w_e points against the motion in 100% of the pushes"),
     "motion in millimetres": (scale("dx_ht", (slice(None), slice(0, 3)), 1e3), "are these millimetres"),
     "motion in degrees": (scale("dx_ht", (slice(None), slice(3, 6)), 57.3), "are these degrees"),

@@ -196,7 +196,7 @@ class Model:
         n, arrays = rows_of(shapes, given)
         places = {k: (v.ctypes.data, v[0].size if len(v) == n and n != 1 else 0) for k, v in arrays.items() if n}
         batch = self._batches[ALWAYS_STAGE2 if always else 0]
-        outputs, _, status = self._library.predict(batch, places, n, _threads(threads))
+        outputs, _, status = self._library.predict(batch, places, n, cores(threads))
         found = self._prediction(outputs, status)
         if strict and status.any():
             raise AminnError(f"predict: {self._complaint(status)}")
@@ -221,10 +221,24 @@ class Model:
         return f"row {bad[0]}: {self.status_text(status[bad[0]])}{more}"
 
 
-def _threads(wanted: int) -> int:
-    if wanted < 0:
-        raise AminnError(f"predict: threads is {wanted}, expected 0 (all cores) or more")
-    return wanted or len(os.sched_getaffinity(0))
+def cores(wanted: int) -> int:
+    """How many threads to use; 0 are all cores. Raises AminnError for what is no such number."""
+    if not isinstance(wanted, int | np.integer) or wanted < 0:
+        raise AminnError(f"predict: threads is {wanted!r}, expected 0 (all cores) or more")
+    return int(wanted) or len(os.sched_getaffinity(0))
+
+
+def numbers_of(name: str, values: ArrayLike, dtype: type[np.floating]) -> NDArray:
+    """`values` as a contiguous array, NaN where a masked one has none. Raises AminnError where they are no numbers."""
+    if isinstance(values, np.ma.MaskedArray):
+        values = np.ma.filled(values.astype(np.float64), np.nan)
+    try:
+        if np.iscomplexobj(values):
+            raise TypeError("they are complex")
+        with np.errstate(over="ignore"):  # what is too large for it becomes infinite, and is refused
+            return np.ascontiguousarray(values, dtype)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise AminnError(f"predict: {name} is no array of numbers ({error})") from error
 
 
 def rows_of(
@@ -236,11 +250,7 @@ def rows_of(
     """
     arrays: dict[str, NDArray] = {}
     for name, values in given.items():
-        try:
-            with np.errstate(over="ignore"):  # what is too large for it becomes infinite, and is refused
-                array = np.ascontiguousarray(values, dtype)
-        except (TypeError, ValueError) as error:
-            raise AminnError(f"predict: {name} is no array of numbers ({error})") from error
+        array = numbers_of(name, values, dtype)
         shape = tuple(shapes[name])
         if array.shape == shape:
             array = array[None]

@@ -261,6 +261,13 @@ def _motion(hand: Hand, arrays: Arrays, rows: Rows) -> Iterator[Fault]:
             yield from _above(
                 rows, column, of_held, LARGEST_TURN_RAD, "rad", "did the tool stay in the hand, or are these degrees?"
             )
+    for name, text in (
+        ("dx_ht", "the tool never moved; was it measured?"),
+        ("w_e", "nothing pushed; was it measured?"),
+    ):
+        if name in arrays and held.sum() >= FEWEST and not arrays[name][held].any():
+            yield Fault(name, f"is 0 in all {held.sum()} pushes that held: {text}")
+            return
     if "w_e" in arrays and held.sum() >= FEWEST:
         work = (arrays["w_e"] * arrays["dx_ht"]).sum(1)[held]
         if (share := float((work < 0).mean())) > AGAINST:

@@ -7,7 +7,6 @@ one, and ONNX Runtime needs the file alone, so that nothing here knows of the ex
 from __future__ import annotations
 
 import json
-import os
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,7 +23,7 @@ from aminn_hand import Hand
 from aminn_hand.hand import STATE
 from aminn_hand.theta import Theta
 from aminn_rt import Model, Note
-from aminn_rt.model import model_file, ranges_in
+from aminn_rt.model import cores, model_file, ranges_in
 from aminn_rt.ranges import within_ranges
 from aminn_rt.status import Status, statuses
 
@@ -87,11 +86,6 @@ class Engine(ABC):
         Where j_x and j_q are not given the state is as it was measured: theta says how it is to be read, and the
         closure is computed.
         """
-
-
-def cores(threads: int) -> int:
-    """How many threads to use; 0 are all cores."""
-    return threads or len(os.sched_getaffinity(0))
 
 
 def _true(hand: Hand, x: Arrays) -> Arrays:

@@ -19,7 +19,7 @@ from aminn_hand.hand import STATE
 from aminn_hand.theta import Theta
 from aminn_rt import Note
 from aminn_rt.compiled import runtime
-from aminn_rt.model import rows_of
+from aminn_rt.model import numbers_of, rows_of
 from aminn_rt.status import Status
 from aminn_table import Fault, Map, complete, write_table
 from aminn_table.checks import Rows
@@ -205,7 +205,7 @@ class Predictor:
         """theta (P) of a calibration. Raises AminnError where it is of another hand."""
         if isinstance(calibration, str | os.PathLike):
             return read_calibration(calibration, self.hand)
-        theta, size = np.asarray(calibration, np.float64), len(self.theta_names)
+        theta, size = numbers_of("calibration", calibration, np.float64), len(self.theta_names)
         if theta.shape != (size,):
             raise AminnError(f"calibration: theta has shape {theta.shape}, expected ({size},)")
         return theta
