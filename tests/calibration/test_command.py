@@ -158,6 +158,15 @@ def test_a_map_gives_a_table_its_names(written: Path, run: Path, tmp_path: Path)
     assert refused.exit_code == 1 and "a data set takes no map" in refused.output
 
 
+def test_pushes_that_all_slipped_are_refused(run: Path, draw: Draw, tmp_path: Path) -> None:
+    pushes = draw(1, 16, 4)[0]
+    slipped = pushes.dx_ht * np.random.default_rng(0).uniform(5.0, 50.0, (len(pushes), 1))
+    data = table(pushes.told(dx_ht=slipped), tmp_path / "pushes.csv")
+    result = call("--run", run, "--data", data, "--out", tmp_path / "calibration.json", "--as-told")
+    assert result.exit_code == 1 and "most pushes slipped" in result.output
+    assert [f.name for f in tmp_path.iterdir()] == ["pushes.csv"]
+
+
 def test_inputs_are_not_overwritten(run: Path, draw: Draw, tmp_path: Path) -> None:
     data = table(draw(1, 8, 2)[0], tmp_path / "pushes.csv")
     result = call("--run", run, "--data", data, "--out", data)

@@ -26,6 +26,8 @@ SLIPPED = 0.1
 BLENDS = (1.0, 0.5)
 """Shares of the fitted theta that are tried on the held-out pushes."""
 NOISE_DRAWS, MOST_NOISE = 24, 100.0
+UNEXPLAINED = 0.5
+"""Median relative error of held-out pushes above which no theta explains them; that of hands not calibrated is 0.4."""
 GEOMETRY_EVIDENCE = 4.0
 """By how much the logarithm of the evidence must rise for joint zeros and tip radius to be changed."""
 
@@ -202,6 +204,11 @@ def refusals(found: Calibration) -> Iterator[str]:
         yield (
             f"theta from some of the pushes makes the others worse: their error goes from {b:.1%} to {a:.1%} of the "
             "motion; the hand's description is kept. Give more pushes of more grasps, or look at these"
+        )
+    elif (left := float(np.median(found.held_out.after))) > UNEXPLAINED:
+        yield (
+            f"even with theta from the others the model's error is {left:.1%} of the motion: most pushes slipped, or "
+            "were not measured as they are told; the hand's description is kept. Push less, or look at these"
         )
     elif found.beyond:
         yield (
