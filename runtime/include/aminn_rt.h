@@ -456,7 +456,7 @@ typedef struct aminn_calibration {
 typedef struct aminn_calibrator_settings {
     float prior;       /* standard deviation of each factor's logarithm before any push, 1e-9 .. 1 [0.5] */
     float noise_m;     /* of each measured number, rotations times length_scale, m, 1e-9 .. 1 [5e-5] */
-    float model_share; /* of the model's own error, as a share of the motion, 0 .. 1 [0.08] */
+    float model_share; /* of the model's own error, as a share of the smaller of both motions, 0 .. 1 [0.08] */
     float step;        /* by which a push changes a logarithm at most, 1e-9 .. AMINN_MAX_LOG_FACTOR [0.5] */
     float bound;       /* of each logarithm, either way, likewise [1.5] */
     float memory;      /* share of what is known that a push leaves; below 1 old pushes are forgotten, 1e-9 .. 1 [1] */

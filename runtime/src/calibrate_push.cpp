@@ -435,10 +435,26 @@ bool take(aminn_calibrator_t &c, const float *theta)
     return aminn_calibration_set(&c.calibration, c.calibration.model, theta) == AMINN_OK;
 }
 
-// The push in ctx.input, with the calibrator's tables in use.
-aminn_status_t learn(aminn_t &ctx, aminn_calibrator_t &c, Push &push)
+// Of each measurement of the n-th push of a grasp: a model errs alike on all of them, so each further one counts less. The
+// share is that of the smaller motion: a tool that slips far is no reason to expect it.
+float variance_of(const aminn_calibrator_settings_t &settings, uint32_t n, const Push &push)
+{
+    float predicted[kMotion];
+    for (int i = 0; i < kMotion; ++i) {
+        predicted[i] = push.measured[i] - push.error[i];
+    }
+    const float moved = inner(push.measured, push.measured, kMotion);
+    const float expected = inner(predicted, predicted, kMotion);
+    const float share = settings.model_share * settings.model_share;
+    return static_cast<float>(n) *
+           (settings.noise_m * settings.noise_m + share * (moved < expected ? moved : expected));
+}
+
+// The push in ctx.input, the n-th of its grasp, with the calibrator's tables in use.
+aminn_status_t learn(aminn_t &ctx, aminn_calibrator_t &c, uint32_t n, Push &push)
 {
     const float before = try_push(ctx, AMINN_FLAG_DEBUG, push);
+    push.belief.variance = variance_of(c.settings, n, push);
     find_slopes(ctx, c.calibration.theta, push.slopes);
     absorb(c, push);
     const float squares = push.belief.squares;
@@ -561,15 +577,10 @@ aminn_status_t aminn_calibrate_push(aminn_t *ctx, aminn_calibrator_t *calibrator
     }
     const bool same = same_grasp(*calibrator, *before);
     const uint32_t in_grasp = same ? calibrator->in_grasp + 1 : 1;
-    const aminn_calibrator_settings_t &settings = calibrator->settings;
-    const float share = settings.model_share * settings.model_share;
-    // a model errs alike on pushes of one grasp: each further one counts less
-    push.belief.variance = static_cast<float>(in_grasp) *
-                           (settings.noise_m * settings.noise_m + share * inner(push.measured, push.measured, kMotion));
     const aminn_varied_t *const varied = ctx->varied;
     const uint32_t flags = ctx->flags;
     ctx->varied = &calibration.varied;
-    status = learn(*ctx, *calibrator, push);
+    status = learn(*ctx, *calibrator, in_grasp, push);
     ctx->varied = varied;
     ctx->flags = flags;
     ctx->stages_done = 0;

@@ -226,6 +226,20 @@ static void a_grasp_is_told_by_joints_and_tool(void)
     TEST_ASSERT_EQUAL_UINT32(6, calibrator.pushes);
 }
 
+static void a_tool_that_slips_far_is_a_slip_with_the_usual_settings(void)
+{
+    int i, times;
+    for (times = 10; times <= 1000; times *= 10) {
+        start(NULL);
+        predict_for(NULL, &states[0], measured[0]);
+        for (i = 0; i < AMINN_N_WRENCH; ++i) {
+            measured[0][i] *= (float)times;
+        }
+        PUSH(0);
+        OUTCOME(SLIPPED);
+    }
+}
+
 static void a_surprising_push_counts_less_and_a_slip_not_at_all(void)
 {
     const aminn_calibrator_settings_t strict = {0.05F, 1e-6F, 0.01F, 0.5F, 1.5F, 1.0F};
@@ -442,6 +456,7 @@ int main(void)
     RUN_TEST(measured_states_are_corrected);
     RUN_TEST(pushes_of_one_grasp_count_less_and_less);
     RUN_TEST(a_grasp_is_told_by_joints_and_tool);
+    RUN_TEST(a_tool_that_slips_far_is_a_slip_with_the_usual_settings);
     RUN_TEST(a_surprising_push_counts_less_and_a_slip_not_at_all);
     RUN_TEST(a_push_never_makes_its_own_prediction_worse);
     RUN_TEST(steps_and_theta_are_bounded);

@@ -128,7 +128,8 @@ class Recursion:
         measured = np.asarray(dx_ht, float) / self.model.s
         self._count(state)
         error = measured - self.motion(x, self.theta)["s2_dx"] / self.model.s
-        variance = self._in_grasp * (s.noise_m**2 + s.model_share**2 * measured @ measured)
+        moved = min(measured @ measured, (measured - error) @ (measured - error))
+        variance = self._in_grasp * (s.noise_m**2 + s.model_share**2 * moved)
         slopes = self.slopes(x)
         covariance, change, squares = self._absorbed(slopes, error, variance)
         if squares > SLIP:
