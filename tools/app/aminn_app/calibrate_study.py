@@ -576,6 +576,44 @@ def device_figures(work: Path) -> Figures:
     return push_figures(golden, golden / "golden.bin", work) if (golden / "golden.bin").is_file() else {}
 
 
+def learned_on_the_device(folder: Path, scale: Scale) -> Figures:
+    """What the device's recursion makes of the pushes of each test hand, in float64: `device_learned_...`.
+
+    Relative errors on the hand's other grasps before, after, and with theta known; how many draws of pushes made it
+    worse; how often 90 % intervals hold the truth.
+    """
+    from aminn.model.export_tables import export_tables
+    from aminn_export.samples.recursion import Recursion
+
+    checkpoint = load_checkpoint(folder / "runs" / "told")
+    out: Figures = {}
+    exported = export_tables(checkpoint)
+    for k, budget in enumerate(scale.budgets):
+        errors: dict[str, list[float]] = {"before": [], "after": [], "known": []}
+        worse, inside = 0, []
+        for hand in hands_of(load_dataset(folder / "test")):
+            truth = hand.samples["theta"][0]
+            for seed in range(scale.seeds):
+                told, rest = choose_pushes(hand, *budget, np.random.default_rng([seed, *budget]))
+                learner = Recursion(exported)
+                for i in np.argsort(told.samples["grasp_id"], kind="stable"):
+                    state = {name: told.samples[name][i] for name in ("q", "x_ht", "w_e", "contacts")}
+                    learner.push(state, told.samples["dx_ht"][i])
+                found = {
+                    name: judge(checkpoint, rest, theta)
+                    for name, theta in (("before", 0 * truth), ("after", learner.theta), ("known", truth))
+                }
+                for name, figures in found.items():
+                    errors[name] += figures["relative"]
+                medians = {name: figures["relative_error_median"] for name, figures in found.items()}
+                worse += medians["after"] > medians["before"]
+                at = slice(len(learner.sd))
+                inside += (np.abs(learner.theta[at] - truth[at]) <= Z90 * learner.sd).tolist()
+        out |= {f"device_learned_{k}_{name}_median": float(np.median(e)) for name, e in errors.items()}
+        out |= {f"device_learned_{k}_worse": worse, f"device_learned_{k}_coverage": float(np.mean(inside))}
+    return out
+
+
 class _Here(Executor):
     """Does everything in this process, at once."""
 
@@ -627,6 +665,7 @@ def study(
                 report |= {f"errors_{m}_{k}": v for m, e in learned["errors"].items() for k, v in _spread(e).items()}
                 report |= {f"tune_steps_{k}": v for k, v in learned["steps"].items()}
                 report |= device_figures(folder / "device") if scale.device else {}
+                report |= learned_on_the_device(folder, scale)
                 report |= {"parts": " ".join(finished), "aims_missed": "; ".join(missed(report, scale))}
                 found(report)
     return report
