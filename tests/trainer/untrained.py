@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import torch
 from synthetic import hand
 
 from aminn.data.dataset import load_dataset
@@ -17,5 +18,8 @@ def untrained_run(folder: Path, data_dir: Path, kind: str = "aminn", told: bool 
     data = load_dataset(data_dir)
     identity = identity_of(TrainConfig(), data.sha256)
     meta = {"tau": 0.5173, "identity": identity, "data": {}, "data_config_sha256": data.manifest["config_sha256"]}
-    save_checkpoint(folder, build_model(kind, ModelConfig(told=told), hand()), meta)
+    with torch.random.fork_rng():
+        torch.manual_seed(0)
+        model = build_model(kind, ModelConfig(told=told), hand())
+    save_checkpoint(folder, model, meta)
     return folder
