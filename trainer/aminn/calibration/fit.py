@@ -31,8 +31,8 @@ LEAST_MOTION = 1e-6
 """Of a push, in units of the pose error: 0.1 um."""
 ENOUGH, MOST_DAMPING = 0.05, 1.0
 """Gain of the loss below which a fit is done, and the damping above which it gives up."""
-BIAS = {"spring": 0.3, "servo": 0.2, "tendon": 0.2, "contact": 0.3, "zero": 0.01, "radius": 0.0005}
-"""Of a model told stiffnesses; kinds that are not named have none."""
+BIAS = {"spring": 0.34, "servo": 0.03, "tendon": 0.055, "contact": 0.95, "zero": 0.005, "radius": 0.0002}
+"""Of a model told the stiffnesses of 2000 hands (`make calibrate`); kinds that are not named have none."""
 MOST_GRASPS = 40
 """As many are looked at for a model's errors."""
 BIAS_PUSHES, BIAS_DRAWS = ((10, 2), (40, 5)), 2
@@ -73,19 +73,23 @@ class Prior:
 
 @dataclass(frozen=True)
 class Errors:
-    """How wrong a model is of a hand whose theta it is told."""
+    """How wrong a model is of a hand whose theta it is told; that of `make calibrate`, where nothing is known."""
 
-    relative: float = 0.015
+    relative: float = 0.0076
     """Scale of a push's own error, each of six components, over the size of its motion."""
     deviation: float = 0.1
     """Standard deviation of each grasp's own deviations, in logarithms of factors."""
-    freedom: float = 1.5
+    freedom: float = 1.0
     """Of Student's t: the fewer, the more slips are expected."""
     bias: Mapping[str, float] = field(default_factory=lambda: dict(BIAS))
     """Standard deviations of what all grasps of a hand have in common and no number of pushes averages out, in
     units of theta, by kind of parameter."""
     floor: float = 1e-5
     """Of a push's error, in units of the pose error: what the measurement of motion is good for."""
+
+
+START = Errors(relative=0.015, deviation=0.1, freedom=1.5)
+"""What errors are looked for from; a tenth of it is the least that is found."""
 
 
 @dataclass(frozen=True)
@@ -282,10 +286,10 @@ def estimate_errors(
 ) -> Errors:
     """How wrong a model is, from pushes of hands whose theta (n, P) is known and of which it has seen none.
 
-    By expectation and maximisation. hands: number (n) of each push's hand; where there are grasps enough of one hand,
-    the bias is found from them too.
+    By expectation and maximisation, from `START`. hands: number (n) of each push's hand; where there are grasps enough
+    of one hand, the bias is found from them too.
     """
-    errors, none = Errors(), np.zeros(theta.shape[1], bool)
+    errors, none = START, np.zeros(theta.shape[1], bool)
     chosen = np.random.default_rng(0).permutation(np.unique(pushes.grasp_id))[:MOST_GRASPS]
     grasps = [np.flatnonzero(pushes.grasp_id == g) for g in chosen]
     for _ in range(rounds):
@@ -301,8 +305,8 @@ def estimate_errors(
         grown = np.sqrt(np.concatenate(own).mean() / N_WRENCH)
         errors = replace(
             errors,
-            relative=float(max(errors.relative * grown, 0.1 * Errors().relative)),
-            deviation=float(max(np.sqrt(np.mean(deviation)), 0.1 * Errors().deviation)),
+            relative=float(max(errors.relative * grown, 0.1 * START.relative)),
+            deviation=float(max(np.sqrt(np.mean(deviation)), 0.1 * START.deviation)),
             freedom=_freedom(np.concatenate(squares) / grown**2),
         )
     return errors if hands is None else replace(errors, bias=_bias(predict, pushes, theta, hands, errors))

@@ -19,7 +19,7 @@ from aminn_hand.theta import Theta
 from .fit import Errors, Fit, Prior, fit
 from .pushes import Array, Predict, Pushes, relative_errors
 
-MARGIN = 12.0
+MARGIN = 20.0
 """By how much the logarithm of the posterior density must rise for a mistake to be named."""
 NEAR = 3.0
 """Readings whose logarithm is within so much of the best are told beside it."""
