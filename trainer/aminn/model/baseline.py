@@ -15,6 +15,7 @@ from aminn_hand.hand import N_WRENCH
 from .config import ModelConfig
 from .mechanics import AXES
 from .network import (
+    Cascade,
     Normaliser,
     Stage1,
     Stage2,
@@ -22,7 +23,6 @@ from .network import (
     contact_spread,
     global_input,
     global_spread,
-    with_theta,
 )
 
 
@@ -78,7 +78,7 @@ class MlpStage(nn.Module):
         return self.out(torch.relu(self.hidden2(hidden))) * self.out_scale  # (N, n_out)
 
 
-class Mlp(nn.Module):
+class Mlp(Cascade):
     """The cascade: stage 1 gives a logit, stage 2 a displacement."""
 
     kind = "mlp"
@@ -90,16 +90,6 @@ class Mlp(nn.Module):
         self.stage1 = MlpStage(config, dims, n_parameters(Stage1(config, hand)), 1)
         self.stage2 = MlpStage(config, dims, n_parameters(Stage2(config, hand)), N_WRENCH)
 
-    def forward(
-        self,
-        q: Tensor,
-        x_ht: Tensor,
-        w_e: Tensor,
-        contacts: Tensor,
-        j_x: Tensor,
-        j_q: Tensor,
-        theta: Tensor | None = None,
-    ) -> dict[str, Tensor]:
-        """p_stable (N), dx_ht (N, 6). theta as for AMINN; without effect unless the model is told."""
-        x = with_theta(dict(q=q, x_ht=x_ht, w_e=w_e, contacts=contacts, j_x=j_x, j_q=j_q), theta, self.hand)
+    def outputs(self, x: dict[str, Tensor]) -> dict[str, Tensor]:
+        """p_stable (N), dx_ht (N, 6); theta is without effect unless the model is told."""
         return {"p_stable": torch.sigmoid(self.stage1(x).squeeze(-1)), "dx_ht": self.stage2(x)}

@@ -18,7 +18,7 @@ from torch import Tensor, nn
 
 from aminn_base.errors import AminnError
 from aminn_hand import Dims, Hand
-from aminn_hand.hand import LEAST_MOTION_M, N_GATE, N_WRENCH
+from aminn_hand.hand import LEAST_MOTION_M, N_GATE, N_WRENCH, OUTPUTS
 from aminn_hand.theta import Theta
 
 from ..hand.nominal import FRICTION, Nominal, nominal_of, stiffness_terms
@@ -94,19 +94,6 @@ def global_input(x: dict[str, Tensor], wrench_log_scale: Tensor, factors: int) -
     if factors:
         state.append(x["theta"][:, :factors] if "theta" in x else q.new_zeros(len(q), factors))
     return torch.cat(state, -1)
-
-
-def with_theta(x: dict[str, Tensor], theta: Tensor | None, hand: Hand) -> dict[str, Tensor]:
-    """The inputs with theta (P) or (N, P), if it is given, as (N, P). Raises AminnError for another shape."""
-    if theta is None:
-        return x
-    n, size = len(x["q"]), len(Theta(hand))
-    if tuple(theta.shape) not in ((size,), (n, size)):
-        raise AminnError(
-            f"theta has shape {tuple(theta.shape)}, expected ({size},) or ({n}, {size}): a number for each of the "
-            f"{size} parameters of hand {hand.name}, in the order of Theta(hand).names"
-        )
-    return x | {"theta": theta.to(x["q"].dtype).expand(n, size)}
 
 
 # Centre of what the optional head predicts.
@@ -381,8 +368,49 @@ class Stage2(nn.Module):
         return r.dx, springs, r
 
 
-class Aminn(nn.Module):
-    """The cascade. SI in, SI out; both stages are always computed here, the caller applies tau."""
+class Cascade(nn.Module):
+    """A model of a hand: SI in, SI out; both stages are always computed, the caller applies tau."""
+
+    hand: Hand
+
+    def inputs(
+        self,
+        q: Tensor,
+        x_ht: Tensor,
+        w_e: Tensor,
+        contacts: Tensor,
+        j_x: Tensor,
+        j_q: Tensor,
+        theta: Tensor | None = None,
+    ) -> dict[str, Tensor]:
+        """What `forward` takes, by name; shapes in `Dims.inputs`.
+
+        theta (P) or (N, P) are mechanics parameters; none are zeros. Its joint zeros and tip radius have no effect
+        here: the state is that of the hand as it is (`Theta.corrected`). Raises AminnError where theta has another
+        shape.
+        """
+        x = dict(q=q, x_ht=x_ht, w_e=w_e, contacts=contacts, j_x=j_x, j_q=j_q)
+        if theta is None:
+            return x
+        n, size = len(q), len(Theta(self.hand))
+        if tuple(theta.shape) not in ((size,), (n, size)):
+            raise AminnError(
+                f"theta has shape {tuple(theta.shape)}, expected ({size},) or ({n}, {size}): a number for each of the "
+                f"{size} parameters of hand {self.hand.name}, in the order of Theta(hand).names"
+            )
+        return x | {"theta": theta.to(q.dtype).expand(n, size)}
+
+    def forward(self, *given: Tensor, **named: Tensor) -> dict[str, Tensor]:
+        """Outputs of what `inputs` takes."""
+        return self.outputs(self.inputs(*given, **named))
+
+    def outputs(self, x: dict[str, Tensor]) -> dict[str, Tensor]:
+        """Of inputs by name."""
+        raise NotImplementedError
+
+
+class Aminn(Cascade):
+    """The cascade with the mechanics layer."""
 
     kind = "aminn"
 
@@ -392,36 +420,16 @@ class Aminn(nn.Module):
         self.stage1 = Stage1(config, hand)
         self.stage2 = Stage2(config, hand)
 
-    def forward(
-        self,
-        q: Tensor,
-        x_ht: Tensor,
-        w_e: Tensor,
-        contacts: Tensor,
-        j_x: Tensor,
-        j_q: Tensor,
-        theta: Tensor | None = None,
-    ) -> dict[str, Tensor]:
-        """p_stable (N), dx_ht (N, 6), k_x (N, 6, 6), gate (N, B); shapes of the inputs in `Dims.inputs`.
+    def outputs(self, x: dict[str, Tensor]) -> dict[str, Tensor]:
+        """p_stable (N), dx_ht (N, 6), k_x (N, 6, 6), gate (N, B)."""
+        out = self._whole(x)
+        return {name: out[name] for name in OUTPUTS}
 
-        theta (P) or (N, P) are mechanics parameters; none are zeros. Its joint zeros and tip radius have no effect
-        here: the state is that of the hand as it is (`Theta.corrected`).
-        """
-        out = self.debug(q, x_ht, w_e, contacts, j_x, j_q, theta)
-        return {name: out[name] for name in ("p_stable", "dx_ht", "k_x", "gate")}
-
-    def debug(
-        self,
-        q: Tensor,
-        x_ht: Tensor,
-        w_e: Tensor,
-        contacts: Tensor,
-        j_x: Tensor,
-        j_q: Tensor,
-        theta: Tensor | None = None,
-    ) -> dict[str, Tensor]:
+    def debug(self, *given: Tensor, **named: Tensor) -> dict[str, Tensor]:
         """The same and every intermediate of both stages (`Dims.debug`, s1_ and s2_ before the name)."""
-        x = with_theta(dict(q=q, x_ht=x_ht, w_e=w_e, contacts=contacts, j_x=j_x, j_q=j_q), theta, self.hand)
+        return self._whole(self.inputs(*given, **named))
+
+    def _whole(self, x: dict[str, Tensor]) -> dict[str, Tensor]:
         logit, springs1, r1 = self.stage1(x)
         dx, springs2, r2 = self.stage2(x)
         out = {"p_stable": torch.sigmoid(logit), "dx_ht": dx, "k_x": r2.k_x, "gate": r2.gate}
