@@ -21,6 +21,7 @@ from aminn_table.columns import PUSH
 
 from ..data.dataset import Dataset, load_dataset
 from ..data.origin import check_hand
+from ..evaluation.metrics import pose_error, pose_size
 from ..evaluation.predict import true_states
 from ..model.baseline import Mlp
 from ..model.checkpoint import Checkpoint
@@ -83,10 +84,9 @@ def scaled(dx: Array, length_m: float) -> Array:
 
 
 def relative_errors(predicted: Array, pushes: Pushes) -> Array:
-    """Error of each push's displacement (n) over its size, both as in the pose error."""
+    """Pose error of each push's displacement (n) over its size."""
     length_m = pushes.hand.length_m
-    error = np.linalg.norm(scaled(predicted - pushes.dx_ht, length_m), axis=1)
-    return error / np.maximum(np.linalg.norm(scaled(pushes.dx_ht, length_m), axis=1), 1e-9)
+    return pose_error(predicted, pushes.dx_ht, length_m) / np.maximum(pose_size(pushes.dx_ht, length_m), 1e-9)
 
 
 Predict = Callable[[Pushes, Array], Array]
