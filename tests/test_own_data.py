@@ -4,30 +4,20 @@ from __future__ import annotations
 
 import shlex
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
-from test_your_hand import commands, files
+from followed import ROOT, commands, make_place
 
 from aminn_table.columns import markdown
 
-ROOT = Path(__file__).resolve().parents[1]
 PAGE = (ROOT / "docs" / "own-data.md").read_text()
 START, END = "<!-- table: columns -->\n", "\n<!-- end of table -->"
 
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder that looks like the checkout to the page's commands."""
-    folder = tmp_path_factory.mktemp("own")
-    (folder / ".venv").symlink_to(Path(sys.prefix))
-    (folder / "build").mkdir()
-    (folder / "build" / "host").symlink_to(ROOT / "build" / "host")
-    for name, text in files(PAGE).items():
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_text(text)
-    return folder
+    return make_place(tmp_path_factory.mktemp("own"), PAGE)
 
 
 def test_the_columns_are_those_of_the_code() -> None:

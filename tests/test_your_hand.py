@@ -5,44 +5,18 @@ from __future__ import annotations
 import re
 import shlex
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from followed import ROOT, commands, files, make_place
 
-ROOT = Path(__file__).resolve().parents[1]
 PAGE = (ROOT / "docs" / "your-hand.md").read_text()
 WALK = PAGE.split("## From a model to a replayed C model")[1].split("\n## ")[0]
 
 
-def blocks(text: str) -> list[str]:
-    """Indented blocks of a page."""
-    found = re.findall(r"(?:^(?: {4}.*)?\n)+", text, re.MULTILINE)
-    return ["\n".join(line[4:] for line in block.strip("\n").split("\n")) + "\n" for block in found if block.strip()]
-
-
-def files(text: str) -> dict[str, str]:
-    """What the page says to save, by name."""
-    parts = re.split(r"[Ss]ave as\s+`([^`]+)`:", text)
-    return {name: blocks(rest)[0] for name, rest in zip(parts[1::2], parts[2::2], strict=True)}
-
-
-def commands(text: str) -> list[str]:
-    """Every command line of the page."""
-    return [line for block in blocks(text) for line in block.splitlines() if line.startswith(".venv/bin/")]
-
-
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder that looks like the checkout to the page's commands."""
-    folder = tmp_path_factory.mktemp("walk")
-    (folder / ".venv").symlink_to(Path(sys.prefix))
-    (folder / "build").mkdir()
-    (folder / "build" / "host").symlink_to(ROOT / "build" / "host")
-    for name, text in files(WALK).items():
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_text(text)
-    return folder
+    return make_place(tmp_path_factory.mktemp("walk"), WALK)
 
 
 def test_the_page_leads_from_a_model_to_a_replayed_c_model(place: Path) -> None:

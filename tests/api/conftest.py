@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 TESTS = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(TESTS / "export"), str(TESTS / "runtime"), str(TESTS / "trainer")]
 
-from synthetic import write_dataset  # noqa: E402
-from untrained import untrained_run  # noqa: E402
+from untrained import made_up_data, untrained_run  # noqa: E402, F401
 
 from aminn_export.export import export  # noqa: E402
 from aminn_export.samples.vectors import Vectors, read_vectors  # noqa: E402
@@ -30,13 +29,6 @@ def vectors() -> Vectors:
 def states(vectors: Vectors) -> dict[str, NDArray[np.float32]]:
     """Their states (200)."""
     return {name: vectors.inputs[name] for name in STATE}
-
-
-@pytest.fixture(scope="session")
-def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("made-up") / "data"
-    write_dataset(folder, grasps=40, cases=8)
-    return folder
 
 
 @pytest.fixture(scope="session")

@@ -13,8 +13,7 @@ TESTS = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(TESTS / "runtime"), str(TESTS / "trainer")]
 
 from runtime_models import RandomModel, random_model  # noqa: E402
-from synthetic import write_dataset  # noqa: E402
-from untrained import untrained_run  # noqa: E402
+from untrained import made_up_data, untrained_run  # noqa: E402, F401
 
 from aminn_export.export import write_model_files  # noqa: E402
 
@@ -40,13 +39,6 @@ def build_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
         folder = tmp_path_factory.mktemp("host")
         for command in (["cmake", "-S", TESTS.parent / "runtime", "-B", folder], ["cmake", "--build", folder]):
             subprocess.run([str(c) for c in command], check=True, capture_output=True)
-    return folder
-
-
-@pytest.fixture(scope="session")
-def data_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("made-up") / "data"
-    write_dataset(folder, grasps=40, cases=8)
     return folder
 
 

@@ -1,16 +1,24 @@
-"""Checkpoints without training, which say that they were trained on a made-up data set."""
+"""A made-up data set, and checkpoints without training that say that they were trained on it."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
 import torch
-from synthetic import hand
+from synthetic import hand, write_dataset
 
 from aminn.data.dataset import load_dataset
 from aminn.model.checkpoint import build_model, save_checkpoint
 from aminn.model.config import ModelConfig, TrainConfig
 from aminn.training.train import identity_of
+
+
+@pytest.fixture(name="data_dir", scope="session")
+def made_up_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("made-up") / "data"
+    write_dataset(folder, grasps=40, cases=8)
+    return folder
 
 
 def untrained_run(folder: Path, data_dir: Path, kind: str = "aminn", told: bool = False) -> Path:
