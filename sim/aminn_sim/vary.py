@@ -17,15 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aminn_hand.hand import Hand
-from aminn_hand.theta import Theta
+from aminn_hand.theta import MAX_LOG_FACTOR, Theta
 
 from .config import SimulationConfig
 from .errors import SimulationError
 from .scene import LEAST_CONTACT_LOG
 
 Array = NDArray[np.float64]
-MOST_LOG = 3.0
-"""Greatest logarithm of a factor that is simulated: twenty times."""
 
 
 def acts_on(hand: Hand) -> tuple[tuple[str, str, int], ...]:
@@ -89,13 +87,13 @@ def known_mechanics(config: SimulationConfig, hand: Hand) -> tuple[SimulationCon
         elif value != 0:
             left_out.append(name)
     for p in theta.parameters[: theta.factors]:
-        least = LEAST_CONTACT_LOG if p.kind == "contact" else -MOST_LOG
-        centre, half = kept.get(p.name, 0.0), config.vary_mechanics
-        if not least <= centre - half <= centre + half <= MOST_LOG:
+        least = LEAST_CONTACT_LOG if p.kind == "contact" else -MAX_LOG_FACTOR
+        centre, half, most = kept.get(p.name, 0.0), config.vary_mechanics, MAX_LOG_FACTOR
+        if not least <= centre - half <= centre + half <= most:
             about = f"{centre:g}" + (f" +- {half:g}" if half else "")
             why = ": a contact's time constant is two time steps at least" if p.kind == "contact" else ""
             raise SimulationError(
-                f"mechanics: {p.name} is {about} (logarithm of a factor), expected {_up(least)} to {MOST_LOG:g}{why}"
+                f"mechanics: {p.name} is {about} (logarithm of a factor), expected {_up(least)} to {most:g}{why}"
             )
     notes = [
         f"mechanics: {', '.join(left_out)} say how a measured state is read; they change nothing that is simulated"

@@ -16,10 +16,11 @@ from aminn_base.errors import AminnError
 from aminn_export.export import write_model_files
 from aminn_export.files.bin_model import read_bin_model
 from aminn_export.samples.vectors import Vectors
+from aminn_hand.theta import MAX_LOG_FACTOR, MAX_RADIUS_M, MAX_ZERO_RAD
 from aminn_rt import Model, Note, Prediction
 from aminn_rt.compiled import runtime_for
 from aminn_rt.model import model_file
-from aminn_rt.status import MAX_LOG_FACTOR, MAX_RADIUS_M, MAX_ZERO_RAD, Status
+from aminn_rt.status import Status
 
 ROOT = Path(__file__).resolve().parents[2]
 GOLDEN = ROOT / "tests" / "golden"

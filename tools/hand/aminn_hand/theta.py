@@ -16,12 +16,15 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .hand import Array, Branch, Hand
 
 KINDS = ("spring", "servo", "tendon", "contact", "zero", "radius")
 UNITS = {"zero": "rad", "radius": "m"}
 """Of a parameter; those of other kinds are logarithms of factors."""
+MAX_LOG_FACTOR, MAX_ZERO_RAD, MAX_RADIUS_M = 3.0, 1.0, 0.05
+"""Bounds of theta, either way: those of aminn_rt.h, and of what is simulated."""
 
 
 @dataclass(frozen=True)
@@ -138,3 +141,11 @@ class Theta:
         moved = contacts.copy()
         moved[..., 1:4] += theta[..., -1, None, None] * contacts[..., 4:7]
         return q + theta[..., self.zeros], moved
+
+
+def theta_bounds(size: int, joints: int) -> NDArray[np.float32]:
+    """(P) largest size of each number of theta: factors, joint zeros, radius."""
+    bounds = np.full(size, MAX_LOG_FACTOR, np.float32)
+    if size:
+        bounds[size - 1 - joints : -1], bounds[-1] = MAX_ZERO_RAD, MAX_RADIUS_M
+    return bounds

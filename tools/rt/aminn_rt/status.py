@@ -8,11 +8,11 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from aminn_hand.theta import theta_bounds
+
 NORMAL_TOLERANCE = 1e-3
 """By how much the length of a contact's normal may differ from 1."""
 MAX_ROTATION_RAD = np.pi * (1 + 1e-3)
-MAX_LOG_FACTOR, MAX_ZERO_RAD, MAX_RADIUS_M = 3.0, 1.0, 0.05
-"""Bounds of theta, either way."""
 
 
 class Status(IntEnum):
@@ -52,11 +52,3 @@ def statuses(inputs: Mapping[str, NDArray]) -> NDArray[np.int32]:
     for status, bad in rules:  # the last one goes before all others
         found[bad] = status
     return found
-
-
-def theta_bounds(size: int, joints: int) -> NDArray[np.float32]:
-    """(P) largest size of each number of theta: factors, joint zeros, radius."""
-    bounds = np.full(size, MAX_LOG_FACTOR, np.float32)
-    if size:
-        bounds[size - 1 - joints : -1], bounds[-1] = MAX_ZERO_RAD, MAX_RADIUS_M
-    return bounds

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError
-from aminn_hand.theta import Theta
-from aminn_rt.status import theta_bounds
+from aminn_hand.theta import Theta, theta_bounds
 
 from ..evaluation.analysis import SensorNoise, noisy_state
 from .fit import Z90, Errors, Fit, Prior, fit

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError
 from aminn_hand.hand import N_WRENCH
-from aminn_hand.theta import Theta
-from aminn_rt.status import MAX_LOG_FACTOR, MAX_RADIUS_M, MAX_ZERO_RAD
+from aminn_hand.theta import MAX_LOG_FACTOR, MAX_RADIUS_M, MAX_ZERO_RAD, Theta
 
 from .pushes import Array, Predict, Pushes, scaled
 

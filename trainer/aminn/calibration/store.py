@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +13,12 @@ from aminn_base.errors import AminnError, OutdatedError
 from aminn_base.files import write_atomically, write_json
 from aminn_base.read import AnyPath, read_json, require
 from aminn_hand import Hand
-from aminn_hand.theta import Theta
-from aminn_rt.status import theta_bounds
+from aminn_hand.theta import Theta, theta_bounds
 
 from ..data.dataset import Dataset
 from ..data.origin import check_hand, same_configuration
 from ..evaluation.evaluate import align_columns
-from ..hand.closure import closure
+from ..evaluation.predict import true_states
 from ..model.checkpoint import Checkpoint
 from .calibrate import Calibration
 from .fit import Errors, estimate_errors
@@ -187,8 +186,6 @@ def read_calibration(path: AnyPath, hand: Hand) -> Array:
 
 def calibrated(data: Dataset, theta: Array) -> Dataset:
     """Measured samples as a model with theta is to see them: states corrected, closure anew, theta among the inputs."""
-    hand, s = data.hand, dict(data.samples)
-    s["q"], s["contacts"] = Theta(hand).corrected(theta, s["q"], s["contacts"])
-    s["j_x"], s["j_q"] = closure(hand, s["q"], s["x_ht"], s["contacts"])
-    s["theta"] = np.tile(theta, (len(data), 1))
-    return Dataset(data.manifest, s, data.grasps, data.noise, data.selection)
+    s = data.samples
+    true = true_states(data.hand, s["q"], s["x_ht"], s["w_e"], s["contacts"], theta)
+    return replace(data, samples=s | true)
