@@ -43,6 +43,7 @@ from aminn.training.train import train
 from aminn_base.files import write_json
 from aminn_base.program import Messages
 from aminn_export.judge.push_figures import push_figures
+from aminn_hand.hand import STATE
 from aminn_hand.theta import Theta
 
 from .pipeline import anew_if_outdated
@@ -597,7 +598,7 @@ def learned_on_the_device(folder: Path, scale: Scale) -> Figures:
                 told, rest = choose_pushes(hand, *budget, np.random.default_rng([seed, *budget]))
                 learner = Recursion(exported)
                 for i in np.argsort(told.samples["grasp_id"], kind="stable"):
-                    state = {name: told.samples[name][i] for name in ("q", "x_ht", "w_e", "contacts")}
+                    state = {name: told.samples[name][i] for name in STATE}
                     learner.push(state, told.samples["dx_ht"][i])
                 found = {
                     name: judge(checkpoint, rest, theta)

@@ -414,10 +414,9 @@ class Hand:
         return tuple(b for b in range(len(groups)) if b not in second), second
 
     def tips(self, q: Array) -> Array:
-        """Pad points (B, 3), m, H, at joint angles q (J)."""
-        return np.array(
-            [b.moved(q[at], np.array(b.tip_point_m)) for b, at in zip(self.branches, self.branch_joints, strict=True)]
-        )
+        """Pad points (..., B, 3), m, H, at joint angles q (..., J)."""
+        own = zip(self.branches, self.branch_joints, strict=True)
+        return np.stack([b.moved(q[..., at], np.array(b.tip_point_m)) for b, at in own], -2)
 
     def gap(self, q: Array) -> float:
         """Distance, m, between the middles of both sides' pad points at joint angles q (J)."""

@@ -36,13 +36,7 @@ def complete(hand: Hand, arrays: Arrays, force_N: Sequence[float] | None = None)
         np.isnan(contacts[..., part]).any(-1) & on for part in (POINT, NORMAL, slice(FORCE, None))
     )
     notes: list[str] = []
-    centres = np.stack(
-        [
-            b.moved(np.asarray(arrays["q"])[:, at], np.array(b.tip_point_m))
-            for b, at in zip(hand.branches, hand.branch_joints, strict=True)
-        ],
-        1,
-    )
+    centres = hand.tips(np.asarray(arrays["q"]))
     radius = np.array([b.tip_radius_m for b in hand.branches])
     if no_normals.any():
         pinch = _pinch(hand, centres)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError
+from aminn_hand.hand import STATE
 from aminn_hand.theta import Theta, theta_bounds
 
 from ..evaluation.analysis import SensorNoise, noisy_state
@@ -107,7 +108,7 @@ def noise_of(predict: Predict, pushes: Pushes, factor: float) -> Array | None:
         raise AminnError(f"noise is {factor:g}, expected 0 to {MOST_NOISE:g}")
     if factor == 0:
         return None
-    state = {name: getattr(pushes, name) for name in ("q", "x_ht", "w_e", "contacts")}
+    state = {name: getattr(pushes, name) for name in STATE}
     zero = np.zeros((len(pushes), len(Theta(pushes.hand))))
     right, rng, squares = predict(pushes, zero), np.random.default_rng(0), []
     for _ in range(NOISE_DRAWS):

@@ -17,7 +17,7 @@ from aminn_hand.hand import rotation, times
 from aminn_hand.theta import Theta
 
 from .fit import Errors, Fit, Prior, fit
-from .pushes import Array, Predict, Pushes, relative_errors
+from .pushes import FIELDS, Array, Predict, Pushes, relative_errors
 
 MARGIN = 20.0
 """By how much the logarithm of the posterior density must rise for a mistake to be named."""
@@ -61,10 +61,9 @@ class Found:
 
 def _with(change: Callable[[dict[str, Array]], dict[str, Array]]) -> Change:
     """A change of fields from a function of copies of them."""
-    names = ("q", "x_ht", "w_e", "contacts", "dx_ht")
 
     def changed(pushes: Pushes) -> Pushes:
-        return pushes.told(**change({name: getattr(pushes, name).copy() for name in names}))
+        return pushes.told(**change({name: getattr(pushes, name).copy() for name in FIELDS}))
 
     return changed
 

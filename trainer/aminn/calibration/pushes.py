@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from aminn_base.errors import AminnError
 from aminn_base.read import AnyPath
 from aminn_hand import Hand
+from aminn_hand.hand import STATE
 from aminn_table import Map, complete, read_table
 from aminn_table.bags import is_bag
 from aminn_table.columns import PUSH
@@ -30,7 +31,7 @@ from ..model.network import Aminn
 Array = NDArray[np.float64]
 CHUNK = 4096
 HELD = "calibration needs pushes that move the tool and leave it in the grasp"
-FIELDS = ("q", "x_ht", "w_e", "contacts", "dx_ht")
+FIELDS = (*STATE, "dx_ht")
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically, write_json
 from aminn_base.lock import locked_folder
 from aminn_hand import Hand
-from aminn_hand.hand import N_CONTACT_FEATURE
+from aminn_hand.hand import N_CONTACT_FEATURE, STATE
 from aminn_hand.theta import Theta
 
 from ..hand.closure import closure
@@ -28,7 +28,6 @@ SHARD = "shard-00000.h5"
 FALLBACKS = "fallbacks"
 """Key of the manifest: what stood in for sensors that were missing."""
 CORRECTED = "joint angles and contacts are made right by the joint zeros and radius that theta tells"
-INPUTS = ("q", "x_ht", "w_e", "contacts")
 
 
 def write_measured(out: Path, hand: Hand, arrays: Mapping[str, NDArray], fallbacks: Sequence[str] = ()) -> dict:
@@ -44,7 +43,7 @@ def write_measured(out: Path, hand: Hand, arrays: Mapping[str, NDArray], fallbac
         rows["q"], rows["contacts"] = Theta(hand).corrected(rows["theta"], rows["q"], rows["contacts"])
         rows["theta"] = np.where(np.arange(len(Theta(hand))) < factors, rows["theta"], 0.0)
         fallbacks = [*fallbacks, CORRECTED]
-    samples = {name: rows[name].astype(np.float64) for name in (*INPUTS, "dx_ht")}
+    samples = {name: rows[name].astype(np.float64) for name in (*STATE, "dx_ht")}
     samples["j_x"], samples["j_q"] = closure(hand, samples["q"], samples["x_ht"], samples["contacts"])
     samples["grasp_id"] = rows["grasp_id"].astype(np.int64)
     samples["stable"] = rows.get("stable", np.ones(n)).astype(np.uint8)

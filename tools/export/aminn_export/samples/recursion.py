@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from aminn_hand.hand import STATE
+
 from ..files.tables import Exported
 from .adversarial import closure
 from .reference import Array, Reference
@@ -53,7 +55,7 @@ class Recursion:
 
     def corrected(self, state: Mapping[str, NDArray]) -> dict[str, Array]:
         """Inputs of the model (1, ...) of a measured state q (J), x_ht (6), w_e (6), contacts (B, 8)."""
-        x = {name: np.asarray(state[name], float)[None] for name in ("q", "x_ht", "w_e", "contacts")}
+        x = {name: np.asarray(state[name], float)[None] for name in STATE}
         x["q"] = x["q"] + self.theta[self.model.factors : -1]
         x["contacts"] = x["contacts"].copy()
         x["contacts"][..., 1:4] += self.theta[-1] * x["contacts"][..., 4:7]
