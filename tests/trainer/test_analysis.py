@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from aminn.data.dataset import Dataset
+from aminn.data.slides import slides
 from aminn.evaluation import analysis
 from aminn.evaluation.evaluate import Prediction, learned, noise_floor
 from aminn.hand.closure import closure
@@ -67,11 +68,11 @@ def test_a_contact_that_sticks_has_not_slid(dataset: Dataset) -> None:
     thumb = (np.linalg.pinv(-s["j_q"][:, 2, :, 1:]) @ motion[:, 2, :, None])[..., 0]
     after = s["q"] + np.hstack([fingers, thumb])
     moved = replace(dataset, samples=s | {"dx_ht": dx, "q_after": after})
-    slip = analysis.contact_slip(moved)[:, :2]  # of second order in the motion; a straight finger moves far
+    slip = slides(moved)[:, :2]  # of second order in the motion; a straight finger moves far
     assert np.quantile(slip, 0.95) < 1e-6 and slip.max() < 1e-4
     slid = replace(moved, samples=moved.samples | {"q_after": s["q"]})
     gap = motion - (motion * s["contacts"][..., 4:7]).sum(-1, keepdims=True) * s["contacts"][..., 4:7]
-    np.testing.assert_allclose(analysis.contact_slip(slid), np.linalg.norm(gap, axis=-1), atol=1e-7)
+    np.testing.assert_allclose(slides(slid), np.linalg.norm(gap, axis=-1), atol=1e-7)
 
 
 def test_error_shares_add_up(dataset: Dataset) -> None:

@@ -16,7 +16,6 @@ from aminn.data.origin import differences
 from aminn.evaluation.analysis import breakdown, gate_figures, noise_figures
 from aminn.evaluation.evaluate import evaluate, learned
 from aminn.hand.closure import closure, fingertips
-from aminn.hand.nominal import FRICTION
 from aminn.model.checkpoint import META, Checkpoint, load_checkpoint
 from aminn.model.config import MechanicsConfig, ModelConfig, TrainConfig
 from aminn.model.network import Aminn
@@ -28,6 +27,7 @@ from aminn_base.errors import AminnError, OutdatedError
 from aminn_base.files import write_json
 from aminn_hand import Hand
 from aminn_hand.hand import ContactModel
+from aminn_hand.sensors import NOMINAL_FRICTION
 from aminn_sim.open_hand import default_hand_file
 from aminn_sim.understand import understand
 
@@ -216,7 +216,7 @@ def test_an_untrained_model_of_soft_fingertips_resists_twisting_as_their_patch_d
         for on in (False, True)
     )
     normal = x["contacts"][..., 4:7]
-    stiffness = torch.tensor([(0.003 / FRICTION) ** 2 / b.eps_m for b in hand.branches])
+    stiffness = torch.tensor([(0.003 / NOMINAL_FRICTION) ** 2 / b.eps_m for b in hand.branches])
     wanted = (stiffness[:, None, None] * normal[..., :, None] * normal[..., None, :]).sum(1)
     torch.testing.assert_close((soft - plain)[:, 3:, 3:], wanted, rtol=1e-5, atol=1e-5)
     assert stiffness.min() > 0.5  # N.m/rad

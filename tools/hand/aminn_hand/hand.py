@@ -187,6 +187,8 @@ class Dims:
     """Of a told model: how many factors of theta its networks see; 0 in one that sees none."""
     stiff: int = 0
     """Of an exported model: how many of theta's factors are on springs, servos and tendons."""
+    sensing: int = 0
+    """Of a model with optional sensors: how many numbers of them its networks see (`sensed`); 0 in one without."""
 
     @property
     def state(self) -> int:
@@ -215,8 +217,8 @@ class Dims:
 
     @property
     def global_input(self) -> int:
-        """q, x_ht, w_e, w_e in signed logarithm; theta's factors in a told model."""
-        return self.joints + 3 * N_WRENCH + self.factors
+        """q, x_ht, w_e, w_e in signed logarithm; theta's factors in a told model; sensors in one that has them."""
+        return self.joints + 3 * N_WRENCH + self.factors + self.sensing
 
     @property
     def cholesky_entries(self) -> tuple[tuple[int, int], ...]:
@@ -271,6 +273,17 @@ class Dims:
             "j_x": (b, 3, N_WRENCH),
             "j_q": (b, 3, c),
         }
+
+    @property
+    def sensors(self) -> dict[str, tuple[int, ...]]:
+        """Shape of each optional sensor, without the batch: whether it is known, then its values (`sensors.py`)."""
+        found: dict[str, tuple[int, ...]] = {"friction": (3,), "tool_weight": (4,)}
+        return found | ({"tendon_tension": (1 + self.tendons,)} if self.tendons else {})
+
+    @property
+    def sensed(self) -> int:
+        """What networks see of the sensors: trust and logarithm of friction, known and values of the others."""
+        return sum(math.prod(shape) for shape in self.sensors.values()) - 1
 
     @property
     def outputs(self) -> dict[str, tuple[int, ...]]:

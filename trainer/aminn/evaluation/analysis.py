@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aminn_hand import Hand
-from aminn_hand.hand import rotation, times
 
 from ..data.dataset import Dataset
-from ..hand.closure import closure, fingertips
+from ..data.slides import slid_cases
+from ..hand.closure import closure
 from ..hand.nominal import gated_tendons
 from ..model.checkpoint import Checkpoint
 from .evaluate import Prediction, figures_of, learned
@@ -32,8 +32,6 @@ BREAKDOWN_FIGURES = (
     "f1", "rmse_pose_all", "relative_error_median_all", "relative_error_p90_all", "ece", "passivity_violation_full"
 )  # fmt: skip
 NOISE_FACTORS = (0.5, 1.0, 2.0)
-SLID_M = 0.5e-3
-"""A contact that slides further has slipped."""
 SMALL_LOADS = 0.1
 """Share of the load cases that counts as the small-load regime."""
 
@@ -82,18 +80,6 @@ def breakdown(prediction: Prediction, data: Dataset) -> Parts:
     return figures
 
 
-def contact_slip(data: Dataset) -> Array:
-    """How far each contact slid by the end of the load (n, B), m: what the tool's point and the finger's point at the
-    contact before the load are apart in its tangent plane afterwards, the finger as its joint angles say."""
-    s = data.samples
-    contacts, dx = s["contacts"], s["dx_ht"]
-    r = contacts[..., 1:4] - s["x_ht"][:, None, :3]
-    tool = s["x_ht"][:, None, :3] + dx[:, None, :3] + times(rotation(dx[:, None, 3:]), r)
-    gap = tool - fingertips(data.hand, s["q"], data.simulated("samples", "q_after"), contacts[..., 1:4])
-    normal = contacts[..., 4:7]
-    return contacts[..., 0] * np.linalg.norm(gap - (gap * normal).sum(-1, keepdims=True) * normal, axis=-1)
-
-
 def squared_errors(prediction: Prediction, data: Dataset) -> Array:
     """Squared pose error (n) of the truly stable cases, 0 of the others."""
     s = data.samples
@@ -111,7 +97,7 @@ def slip_figures(prediction: Prediction, data: Dataset) -> dict[str, float]:
     """The part in the squared error of large motions, and of cases in which a contact slid."""
     stable, squares = data.samples["stable"] > 0, squared_errors(prediction, data)
     moving = stable & (pose_size(data.samples["dx_ht"], data.hand.length_m) >= 0.08)
-    slid = stable & (contact_slip(data).max(1) > SLID_M)
+    slid = stable & slid_cases(data)
     return {
         "error_share_large_motions": float(squares[moving].sum() / squares.sum()),
         "large_motions_share": float(moving.sum() / stable.sum()),

@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError
 from aminn_hand import Branch, Hand
+from aminn_hand.sensors import NOMINAL_FRICTION
 from aminn_hand.theta import Theta
 
 Array = NDArray[np.float64]
-FRICTION = 0.75
-"""Nominal: greatest tangential over normal force of a contact."""
 LEAST_RADIUS_M = 1e-4
 """Nominal radius of the patch of a contact that the hand calls a point, where it is to resist twisting all the same.
 
@@ -67,7 +66,8 @@ def nominal_of(hand: Hand) -> Nominal:
             gain[b] = branch.tendons[gated].stiffness_N_m * arm @ arm
             direction[b] = -arm / np.linalg.norm(arm)  # a flexor is stretched where its joints extend
     eps_m = np.array([b.eps_m for b in hand.branches])
-    radius = hand.contact.torsional_friction_m / FRICTION if hand.contact.torsional_friction_m > 0 else LEAST_RADIUS_M
+    twisting = hand.contact.torsional_friction_m
+    radius = twisting / NOMINAL_FRICTION if twisting > 0 else LEAST_RADIUS_M
     return Nominal(chol, direction, gain, hand.coordinate_mask, eps_m, radius**2 / eps_m, axis, anchor)
 
 

@@ -19,9 +19,10 @@ from torch import Tensor, nn
 from aminn_base.errors import AminnError
 from aminn_hand import Dims, Hand
 from aminn_hand.hand import LEAST_MOTION_M, N_GATE, N_WRENCH, OUTPUTS
+from aminn_hand.sensors import NOMINAL_FRICTION
 from aminn_hand.theta import Theta
 
-from ..hand.nominal import FRICTION, Nominal, nominal_of, stiffness_terms
+from ..hand.nominal import Nominal, nominal_of, stiffness_terms
 from .config import MechanicsConfig, ModelConfig
 from .mechanics import (
     AXES,
@@ -97,7 +98,7 @@ def global_input(x: dict[str, Tensor], wrench_log_scale: Tensor, factors: int) -
 
 
 # Centre of what the optional head predicts.
-SLIP_NOMINAL = (FRICTION, 1e-3)  # 1, m/N
+SLIP_NOMINAL = (NOMINAL_FRICTION, 1e-3)  # 1, m/N
 
 
 def _near_zero(layer: nn.Linear) -> nn.Linear:
