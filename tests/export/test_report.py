@@ -52,7 +52,7 @@ def _inputs() -> ReportInputs:
     return ReportInputs(
         title="A <run> & more",
         rows=[
-            {"model": "aminn", "f1": 0.9123, "rmse_mm": float("nan")},
+            {"model": "aminn", "f1": 0.9123, "rmse_mm_all": float("nan")},
             {"model": "mine", "passivity_violation_full": 0.0},
         ],
         signed_work=work,
@@ -96,7 +96,7 @@ def test_failed_verification_is_said(tmp_path: Path) -> None:
 
 def test_cells() -> None:
     assert result_table(_inputs().rows)[0][:4] == ["AMINN", "0.912", "–", "–"]
-    assert result_table(_inputs().rows)[1][-1] == "0.00%"
+    assert result_table(_inputs().rows)[1][-2] == "0.00%"
     assert format_value(True) == "yes"
     assert format_value(1234567) == "1234567"
     headings, cells = difference_table({"cortex_m7_refused": 0, "onnx_float64_dx_relative_max": 1e-5})

@@ -91,3 +91,40 @@ def test_operating_curve_follows_the_threshold() -> None:
     k = int(np.argmin(np.abs(np.array(curve["tau"]) - 0.5)))
     assert curve["passed"][k] == pytest.approx(0.5, abs=0.02) and curve["f1"][k] == pytest.approx(1, abs=0.02)
     assert curve["rmse_pose"][-1] < curve["rmse_pose"][0]
+
+
+def test_refusing_the_unsure_leaves_the_others_errors() -> None:
+    error, doubt = np.arange(1.0, 21.0), np.arange(20.0)
+    assert metrics.refused_rms(error, doubt, 0.0) == pytest.approx(metrics.rms(error))
+    assert metrics.refused_rms(error, doubt, 0.1) == pytest.approx(metrics.rms(error[:18]))
+    assert metrics.refused_rms(error, -doubt, 0.1) == pytest.approx(metrics.rms(error[2:]))
+    figures = metrics.refusal_figures(error / 1000, doubt)
+    assert figures["large_error_share"] == 0.5 and figures["rmse_pose_refused_5pc"] == pytest.approx(
+        metrics.rms(error[:19]) / 1000
+    )
+    assert np.isnan(metrics.refused_rms(np.zeros(0), np.zeros(0), 0.05))
+
+
+def test_a_model_that_is_equally_unsure_of_all_gains_nothing_by_refusing() -> None:
+    """Whatever the order of the load cases: who says nothing must not look as if it knew."""
+    error = np.arange(1.0, 21.0)
+    for e in (error, error[::-1]):
+        assert metrics.refused_rms(e, np.ones(20), 0.1) == pytest.approx(metrics.rms(error))
+
+
+def test_slid_and_stuck_cases_are_told_apart() -> None:
+    error, slid = np.array([3.0, 4.0, 1.0, 1.0]), np.array([1, 1, 0, 0], bool)
+    figures = metrics.slide_figures(error, slid)
+    assert figures["rmse_pose_slid"] == pytest.approx(np.sqrt(12.5)) and figures["rmse_pose_stuck"] == 1
+    assert figures["slid_share"] == 0.5 and figures["slid_n"] == 2
+    assert figures["error_share_slid"] == pytest.approx(25 / 27)
+    none = metrics.slide_figures(np.zeros(2), np.zeros(2, bool))
+    assert none["slid_n"] == 0 and np.isnan(none["rmse_pose_slid"]) and np.isnan(none["error_share_slid"])
+
+
+def test_a_bound_covers_what_it_holds() -> None:
+    error, size = np.array([1.0, 2.0, 3.0, 4.0]), np.array([2.0, 2.0, 2.0, 2.0])
+    bound, slid = np.array([1.0, 1.0, 4.0, 5.0]), np.array([0, 1, 1, 0], bool)
+    figures = metrics.bound_figures(error, size, bound, slid)
+    assert figures == {"bound_coverage": 0.75, "bound_coverage_slid": 0.5, "bound_width": 1.25}
+    assert "bound_coverage_slid" not in metrics.bound_figures(error, size, bound)

@@ -29,17 +29,22 @@ COLUMNS = {
     "F1": ("f1", "{:.3f}"),
     "AUROC": ("auroc", "{:.3f}"),
     "ECE": ("ece", "{:.3f}"),
-    "RMSE_pose": ("rmse_pose", "{:.4f}"),
-    "mm": ("rmse_mm", "{:.2f}"),
-    "deg": ("rmse_deg", "{:.2f}"),
     "all stable": ("rmse_pose_all", "{:.4f}"),
-    "relative, median": ("relative_error_median", "{:.3f}"),
-    "p90": ("relative_error_p90", "{:.3f}"),
+    "stuck": ("rmse_pose_stuck", "{:.4f}"),
+    "slid": ("rmse_pose_slid", "{:.3f}"),
+    "mm": ("rmse_mm_all", "{:.2f}"),
+    "deg": ("rmse_deg_all", "{:.2f}"),
+    "relative, median": ("relative_error_median_all", "{:.3f}"),
+    "p90": ("relative_error_p90_all", "{:.3f}"),
+    "over 0.01": ("large_error_share", "{:.1%}"),
+    "5 % refused": ("rmse_pose_refused_5pc", "{:.4f}"),
+    "10 % refused": ("rmse_pose_refused_10pc", "{:.4f}"),
     "f.dp < 0": ("passivity_violation_translational", "{:.1%}"),
     "w.dx < 0": ("passivity_violation_full", "{:.2%}"),
+    "passed": ("rmse_pose", "{:.4f}"),
 }
-LEARNING = ("F1", "RMSE_pose", "relative, median", "p90")
-ABLATION = ("F1", "RMSE_pose", "all stable", "relative, median", "p90")
+LEARNING = ("F1", "all stable", "slid", "relative, median", "p90")
+ABLATION = ("F1", "all stable", "stuck", "slid", "relative, median", "p90", "passed")
 
 
 def _cell(row: Row, figure: str, form: str) -> str:
@@ -94,7 +99,7 @@ def comparison(study: Study) -> str:
             cells = [_cell(study.row(test, model), figure, form) for figure, form in COLUMNS.values()]
             rows.append([f"**{title}**" if model == "aminn" else "", name, *cells])
         label = study.row(test, "label")
-        noise = {"RMSE_pose": "noise_floor_rmse_pose", "relative, median": "noise_floor_relative_error_median",
+        noise = {"all stable": "noise_floor_rmse_pose", "relative, median": "noise_floor_relative_error_median",
                  "p90": "noise_floor_relative_error_p90", "F1": "noise_floor_f1"}  # fmt: skip
         own = {c: noise.get(c, figure) for c, (figure, _) in COLUMNS.items()}
         cells = [_cell(label, own[c], form) for c, (_, form) in COLUMNS.items()]
@@ -115,7 +120,7 @@ def learning_curve(study: Study) -> str:
 
 def summary(study: Study) -> str:
     """The short table of the README: new grasps, all models."""
-    kept = ("F1", "ECE", "RMSE_pose", "mm", "deg", "relative, median", "p90", "f.dp < 0", "w.dx < 0")
+    kept = ("F1", "ECE", "all stable", "stuck", "slid", "relative, median", "p90", "5 % refused", "w.dx < 0")
     rows = []
     for model, name in MODELS.items():
         cells = [_cell(study.row("iid", model), *COLUMNS[c]) for c in kept]
@@ -215,7 +220,7 @@ def groups(study: Study) -> str:
 
 def noise(study: Study) -> str:
     """Both models under noisy sensors."""
-    kept, rows = ("F1", "RMSE_pose", "relative, median", "p90"), []
+    kept, rows = ("F1", "all stable", "relative, median", "p90"), []
     for factor in NOISE_FACTORS:
         for model in ("aminn", "mlp"):
             row = study.row("iid", model, part=noise_part(factor))

@@ -3,7 +3,7 @@ and what noisy sensors do to it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from aminn_hand import Hand
 
 from ..data.dataset import Dataset
-from ..data.slides import slid_cases
 from ..hand.closure import closure
 from ..hand.nominal import gated_tendons
 from ..model.checkpoint import Checkpoint
@@ -29,9 +28,14 @@ Parts = dict[str, dict[str, float]]
 MAGNITUDE_EDGES_N = (0.5, 2.0, 8.0)
 DIRECTIONS = ("force_x", "force_y", "force_z", "moment_x", "moment_y", "moment_z")
 BREAKDOWN_FIGURES = (
-    "f1", "rmse_pose_all", "relative_error_median_all", "relative_error_p90_all", "ece", "passivity_violation_full"
+    "f1", "rmse_pose_all", "rmse_pose_stuck", "slid_share", "relative_error_median_all", "relative_error_p90_all",
+    "ece", "passivity_violation_full",
 )  # fmt: skip
 NOISE_FACTORS = (0.5, 1.0, 2.0)
+NOISE_FIGURES = (
+    "f1", "ece", "rmse_pose_all", "rmse_pose_slid", "relative_error_median_all", "relative_error_p90_all",
+    "large_error_share", "slide_auroc", "bound_coverage", "bound_coverage_slid", "rmse_pose",
+)  # fmt: skip
 SMALL_LOADS = 0.1
 """Share of the load cases that counts as the small-load regime."""
 
@@ -68,13 +72,7 @@ def breakdown(prediction: Prediction, data: Dataset) -> Parts:
     for name, mask in groups(data):
         if not mask.any():
             continue
-        inside = Prediction(
-            prediction.name,
-            prediction.dx[mask],
-            prediction.stable[mask],
-            None if prediction.p_stable is None else prediction.p_stable[mask],
-        )
-        found = figures_of(inside, data.take(mask))
+        found = figures_of(prediction.take(mask), data.take(mask))
         kept = {key: found[key] for key in BREAKDOWN_FIGURES if key in found}
         figures[name] = kept | {"n": int(mask.sum()), "error_share": shares[name]}
     return figures
@@ -91,20 +89,6 @@ def squared_error_shares(prediction: Prediction, data: Dataset) -> dict[str, flo
     squares = squared_errors(prediction, data)
     whole = max(squares.sum(), np.finfo(float).tiny)
     return {name: float(squares[mask].sum() / whole) for name, mask in groups(data)}
-
-
-def slip_figures(prediction: Prediction, data: Dataset) -> dict[str, float]:
-    """The part in the squared error of large motions, and of cases in which a contact slid."""
-    stable, squares = data.samples["stable"] > 0, squared_errors(prediction, data)
-    moving = stable & (pose_size(data.samples["dx_ht"], data.hand.length_m) >= 0.08)
-    slid = stable & slid_cases(data)
-    return {
-        "error_share_large_motions": float(squares[moving].sum() / squares.sum()),
-        "large_motions_share": float(moving.sum() / stable.sum()),
-        "error_share_slid": float(squares[slid].sum() / squares.sum()),
-        "slid_share": float(slid.sum() / stable.sum()),
-        "rmse_pose_not_slid": float(np.sqrt(squares[stable & ~slid].mean())),
-    }
 
 
 def gate_figures(prediction: Prediction, data: Dataset) -> dict[str, float]:
@@ -194,12 +178,11 @@ def noise_part(factor: float) -> str:
     return f"noise{factor:g}"
 
 
-def noise_figures(checkpoint: Checkpoint, data: Dataset) -> Parts:
-    """Figures with sensor noise of 0.5, 1 and 2 times `SensorNoise`, by `noise_part`."""
+def noise_figures(checkpoint: Checkpoint, data: Dataset, factors: Sequence[float] = NOISE_FACTORS) -> Parts:
+    """Figures with sensor noise of some times `SensorNoise`, by `noise_part`."""
     figures: Parts = {}
-    for factor in NOISE_FACTORS:
+    for factor in factors:
         noisy = with_noise(data, SensorNoise().scaled(factor))
         found = figures_of(learned(checkpoint, noisy, "noisy"), data)
-        kept = ("f1", "rmse_pose", "relative_error_median", "relative_error_p90", "ece")
-        figures[noise_part(factor)] = {key: found[key] for key in kept}
+        figures[noise_part(factor)] = {key: found[key] for key in NOISE_FIGURES if key in found}
     return figures

@@ -14,12 +14,14 @@ from aminn_base.errors import AminnError
 
 from ..data.dataset import MEASURED, Dataset
 from ..data.origin import check_hand, same_configuration, states_of, training_set
+from ..data.slides import slid_cases
 from ..model.checkpoint import Checkpoint
 from ..model.config import ModelConfig
 from ..model.network import Backbone, scaled_pose
 from .metrics import (
     COLUMNS,
     all_figures,
+    bound_figures,
     calibration_figures,
     choose_tau,
     displacement_figures,
@@ -27,6 +29,8 @@ from .metrics import (
     holds,
     pose_error,
     pose_size,
+    refusal_figures,
+    slide_figures,
     violation_rate,
 )
 from .predict import predict
@@ -43,6 +47,19 @@ class Prediction:
     stable: NDArray[np.bool_]  # (n,)
     p_stable: Array | None = None  # (n,), of models that give a probability
     gate: Array | None = None  # (n, B), of AMINN
+    p_slide: Array | None = None  # (n,), of models that say how sure they are
+    bound_95: Array | None = None  # (n,), the pose error that is not exceeded in 95 of 100
+
+    def take(self, index: NDArray) -> Prediction:
+        """The samples that `index` (indices or a mask) selects."""
+        arrays = {k: v[index] for k, v in vars(self).items() if isinstance(v, np.ndarray)}
+        return replace(self, **arrays)
+
+    def doubt(self, length_m: float) -> Array:
+        """By what a sample (n) would be refused: the bound, else how unlikely it is to hold, else how far it moves."""
+        if self.bound_95 is not None:
+            return self.bound_95
+        return pose_size(self.dx, length_m) if self.p_stable is None else 1 - self.p_stable
 
 
 @dataclass(frozen=True)
@@ -114,7 +131,9 @@ def learned(checkpoint: Checkpoint, data: Dataset, name: str) -> Prediction:
     """A trained cascade at its own tau."""
     out = predict(checkpoint.model, data)
     stable = holds(out["p_stable"], checkpoint.meta["tau"])
-    return Prediction(name, out["dx_ht"], stable, out["p_stable"], out.get("gate"))
+    return Prediction(
+        name, out["dx_ht"], stable, out["p_stable"], out.get("gate"), out.get("p_slide"), out.get("bound_95")
+    )
 
 
 def analytical(data: Dataset, validation: Dataset, config: ModelConfig | None = None, known: bool = True) -> Prediction:
@@ -290,7 +309,21 @@ def figures_of(p: Prediction, data: Dataset) -> dict[str, float]:
     s = data.samples
     stable = s["stable"] > 0
     figures = all_figures(s["w_e"], s["dx_ht"], stable, p.dx, p.stable, data.hand.length_m)
-    return figures | (calibration_figures(p.p_stable, stable) if p.p_stable is not None else {})
+    figures |= calibration_figures(p.p_stable, stable) if p.p_stable is not None else {}
+    return figures | _stable_figures(p.take(stable), data.take(stable))
+
+
+def _stable_figures(p: Prediction, held: Dataset) -> dict[str, float]:
+    """What a threshold does not touch: figures over all truly stable cases, and those that need to know what slid."""
+    true, length_m = held.samples["dx_ht"], held.hand.length_m
+    error, size = pose_error(p.dx, true, length_m), pose_size(true, length_m)
+    slid = None if held.measured else slid_cases(held)
+    figures = refusal_figures(error, p.doubt(length_m))
+    figures |= slide_figures(error, slid) if slid is not None else {}
+    figures |= bound_figures(error, size, p.bound_95, slid) if p.bound_95 is not None else {}
+    if p.p_slide is not None and slid is not None:
+        figures |= {f"slide_{k}": v for k, v in calibration_figures(p.p_slide, slid).items()}
+    return figures
 
 
 def flat_report(evaluation: Evaluation) -> dict[str, float | str]:
@@ -312,8 +345,9 @@ def truth(evaluation: Evaluation) -> dict[str, float]:
     """The ground truth's row of the table: its noise floor as error, and its own passivity."""
     labels = evaluation.labels
     return {
-        "rmse_pose": labels.get("noise_floor_rmse_pose", np.nan),
-        "relative_error_median": labels.get("noise_floor_relative_error_median", np.nan),
+        "rmse_pose_all": labels.get("noise_floor_rmse_pose", np.nan),
+        "relative_error_median_all": labels.get("noise_floor_relative_error_median", np.nan),
+        "relative_error_p90_all": labels.get("noise_floor_relative_error_p90", np.nan),
         "passivity_violation_translational": labels["passivity_violation_translational"],
         "passivity_violation_full": labels["passivity_violation_full"],
     }

@@ -24,24 +24,35 @@ class Column(NamedTuple):
 
 COLUMNS: dict[str, Column] = {
     "f1": Column("F1", "stable", "{:.3f}"),
-    "rmse_pose": Column("RMSE_pose", "1", "{:.4f}"),
-    "rmse_mm": Column("RMSE", "mm", "{:.2f}"),
-    "rmse_deg": Column("RMSE", "deg", "{:.2f}"),
-    "rmse_to_no_motion": Column("RMSE", "/ no motion", "{:.3f}"),
     "rmse_pose_all": Column("RMSE_pose", "all stable", "{:.4f}"),
-    "relative_error_median": Column("relative", "median", "{:.3f}"),
-    "relative_error_p90": Column("relative", "p90", "{:.3f}"),
+    "rmse_pose_stuck": Column("of stuck", "cases", "{:.4f}"),
+    "rmse_pose_slid": Column("of slid", "cases", "{:.3f}"),
+    "rmse_mm_all": Column("RMSE", "mm", "{:.2f}"),
+    "rmse_deg_all": Column("RMSE", "deg", "{:.2f}"),
+    "rmse_to_no_motion_all": Column("RMSE", "/ no motion", "{:.3f}"),
+    "relative_error_median_all": Column("relative", "median", "{:.3f}"),
+    "relative_error_p90_all": Column("relative", "p90", "{:.3f}"),
+    "large_error_share": Column("over 0.01", "share", "{:.1%}"),
+    "rmse_pose_refused_5pc": Column("RMSE_pose", "5% refused", "{:.4f}"),
     "passivity_violation_translational": Column("f.dp < 0", "share", "{:.2%}"),
     "passivity_violation_full": Column("w.dx < 0", "share", "{:.2%}"),
+    "rmse_pose": Column("RMSE_pose", "passed", "{:.4f}"),
 }
-"""Figure of `all_figures` -> column, in the order of the tables. But for the one named so, errors are over load cases
-truly and predicted stable."""
+"""Figure of `evaluate.figures_of` -> column, in the order of the tables. But for the last, which a model's threshold
+decides as much as its errors do, errors are over all load cases that are truly stable."""
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 # Edges of |dx| (pose size, dimensionless) by which RMSE is broken down: at L = 0.1 m 0.5, 2 and 8 mm of translation.
 SIZE_EDGES = (0.005, 0.02, 0.08)
+
+LARGE_ERROR = 0.01
+"""A pose error that a controller notices: 1 mm, or 0.6 degrees, at L = 0.1 m."""
+REFUSED = (0.05, 0.1)
+"""Shares of the load cases that are refused, by how unsure a model is of them."""
+COVERED = 0.95
+"""Share of the pose errors that a model's own bound promises to hold."""
 
 
 def quaternion(rotvec: Array) -> Array:
@@ -155,6 +166,44 @@ def displacement_figures(pred: Array, true: Array, length_m: float) -> dict[str,
         figures[f"rmse_pose_size{k}"] = rms(error[inside])
         figures[f"n_size{k}"] = int(inside.sum())
     return figures
+
+
+def refused_rms(error: Array, doubt: Array, share: float) -> float:
+    """RMS of the errors (n) that are left when the `share` with the largest doubt (n) is refused.
+
+    Of cases with the same doubt each is refused as much as the others.
+    """
+    if not len(error):
+        return float("nan")
+    _, tie, count = np.unique(doubt, return_inverse=True, return_counts=True)
+    squares = (np.bincount(tie, error**2) / count)[np.sort(tie)]
+    return float(np.sqrt(squares[: len(error) - round(share * len(error))].mean()))
+
+
+def refusal_figures(error: Array, doubt: Array) -> dict[str, float]:
+    """RMSE against the share refused, `REFUSED`, and the share of large errors, over the samples given."""
+    figures = {f"rmse_pose_refused_{100 * share:g}pc": refused_rms(error, doubt, share) for share in REFUSED}
+    return figures | {"large_error_share": float((error > LARGE_ERROR).mean()) if len(error) else float("nan")}
+
+
+def slide_figures(error: Array, slid: Mask) -> dict[str, float]:
+    """RMSE of samples whose contacts stuck, and of those with one that slid; how many slid, and their squared error."""
+    squares, n = error**2, len(error)
+    whole = float(squares.sum())
+    return {
+        "rmse_pose_stuck": rms(error[~slid]),
+        "rmse_pose_slid": rms(error[slid]),
+        "slid_share": float(slid.mean()) if n else float("nan"),
+        "slid_n": int(slid.sum()),
+        "error_share_slid": float(squares[slid].sum()) / whole if whole else float("nan"),
+    }
+
+
+def bound_figures(error: Array, size: Array, bound: Array, slid: Mask | None = None) -> dict[str, float]:
+    """How often the pose error stays within a model's own bound, and how wide that is; `slid`: among those as well."""
+    within, width = error <= bound, bound / np.maximum(size, 1e-9)
+    figures = {"bound_coverage": within, "bound_coverage_slid": within[slid] if slid is not None else within[:0]}
+    return {name: float(v.mean()) for name, v in figures.items() if len(v)} | {"bound_width": _quantile(width, 0.5)}
 
 
 def all_figures(
