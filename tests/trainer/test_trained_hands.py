@@ -159,7 +159,7 @@ def test_a_damaged_hand_is_refused_by_name(tmp_path: Path) -> None:
         load_checkpoint(run.path)
     meta = json.loads((run.path / META).read_text())
     write_json(run.path / META, meta | {"format_version": 3})
-    with pytest.raises(OutdatedError, match="format_version 3, this program reads 5; train again"):
+    with pytest.raises(OutdatedError, match="format_version 3, this program reads 6; train again"):
         load_checkpoint(run.path)
 
 

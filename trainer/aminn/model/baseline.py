@@ -23,6 +23,7 @@ from .network import (
     contact_spread,
     global_input,
     global_spread,
+    sensing_columns,
 )
 
 
@@ -53,7 +54,7 @@ class MlpStage(nn.Module):
 
     def __init__(self, config: ModelConfig, dims: Dims, budget: int, n_out: int) -> None:
         super().__init__()
-        self.spread, self.factors = input_spread(dims), dims.factors
+        self.spread, self.dims = input_spread(dims), dims
         n_in = len(self.spread)
         width = width_for(budget, n_in, n_out)
         self.register_buffer("wrench_log_scale", torch.tensor(config.wrench_log_scale))
@@ -64,14 +65,14 @@ class MlpStage(nn.Module):
         self.out = nn.Linear(width, n_out)
 
     def network_input(self, x: dict[str, Tensor]) -> Tensor:
-        """(N, B (17 + 3C) + J + 18 + factors)."""
-        state = global_input(x, self.wrench_log_scale, self.factors)
+        """(N, B (17 + 3C) + `Dims.global_input`)."""
+        state = global_input(x, self.wrench_log_scale, self.dims)
         lever = x["j_x"][..., 3:].flatten(1)  # (N, 9B)
         return torch.cat([contact_input(x["contacts"], x["j_q"]), state, lever], -1)
 
     def fit_normalisers(self, x: dict[str, Tensor]) -> None:
         """Take the normalisation constants from training inputs."""
-        self.norm.fit(self.network_input(x), self.spread)
+        self.norm.fit(self.network_input(x), self.spread, sensing_columns(self.dims, self.dims.contact_input))
 
     def forward(self, x: dict[str, Tensor]) -> Tensor:
         hidden = torch.relu(self.hidden1(self.norm(self.network_input(x))))  # (N, width)
@@ -91,5 +92,5 @@ class Mlp(Cascade):
         self.stage2 = MlpStage(config, dims, n_parameters(Stage2(config, hand)), N_WRENCH)
 
     def outputs(self, x: dict[str, Tensor]) -> dict[str, Tensor]:
-        """p_stable (N), dx_ht (N, 6); theta is without effect unless the model is told."""
+        """p_stable (N), dx_ht (N, 6); theta is without effect unless the model is told, sensors unless it has them."""
         return {"p_stable": torch.sigmoid(self.stage1(x).squeeze(-1)), "dx_ht": self.stage2(x)}

@@ -20,7 +20,7 @@ from .baseline import Mlp
 from .config import ModelConfig, build_config
 from .network import Aminn
 
-FORMAT_VERSION = 5
+FORMAT_VERSION = 6
 WEIGHTS, META, CARD = "model.safetensors", "model.json", "card.md"
 CARD_HASH = f"SHA-256 of weights and `{META}`"
 """What stands before the hash in the model card."""

@@ -103,6 +103,9 @@ class ModelConfig:
     """Contacts resist twisting about their normals, or "hand": where the hand has soft fingertips."""
     told: Annotated[bool | None, _of_data] = None
     """Networks see the factors of theta, or "data": where the training data vary them. The layer follows them."""
+    sensors: Annotated[bool | None, _of_data] = False
+    """Networks see friction, the tool's weight and tendon tensions where they are known, or "data": where the training
+    data can tell all of them, as simulated ones do. One model is right with any of them, and with none."""
     slip: bool = False
     """Contacts soften along their tangent planes where pass 1 uses up their friction; not exported."""
     log_range: Annotated[float, Field(gt=0, le=20)] = 2.0
@@ -121,8 +124,9 @@ class ModelConfig:
         return hand.contact.kind == "soft_finger" if self.soft_finger is None else self.soft_finger
 
     def dims(self, hand: Hand) -> Dims:
-        """Counts of a model of this hand: with the factors of theta that it is told."""
-        return replace(hand.dims, factors=Theta(hand).factors) if self.told else hand.dims
+        """Counts of a model of this hand: with the factors of theta and the sensors that its networks see."""
+        factors, sensing = Theta(hand).factors if self.told else 0, hand.dims.sensed if self.sensors else 0
+        return replace(hand.dims, factors=factors, sensing=sensing)
 
 
 @checked_dataclass(frozen=True, config=CHECKS)
@@ -246,7 +250,7 @@ def _written(key: str, value: object) -> object:
     """A value as a file has it: TOML has no null."""
     if isinstance(value, list):
         return [_written(key, v) for v in value]
-    return (OF_DATA if key == "model.told" else OF_HAND) if value is None else value
+    return (OF_DATA if key in ("model.told", "model.sensors") else OF_HAND) if value is None else value
 
 
 def as_toml(config: TrainConfig) -> str:

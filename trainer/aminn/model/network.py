@@ -3,6 +3,7 @@
 One `Backbone` per stage: contact summary and global state give a feature f, a linear head the numbers of each branch.
 These are corrections to the nominal springs and tendons of the hand, so that an untrained model is the analytical one.
 Mechanics parameters theta (`aminn_hand.theta`) change what is nominal for a sample; a told model's networks see them.
+Optional sensors (`aminn_hand.sensors`) are seen by the networks of a model that has them.
 Everything between SI inputs and SI outputs is inside, normalisation too. The shape of each tensor stands on its line.
 """
 
@@ -19,7 +20,7 @@ from torch import Tensor, nn
 from aminn_base.errors import AminnError
 from aminn_hand import Dims, Hand
 from aminn_hand.hand import LEAST_MOTION_M, N_GATE, N_WRENCH, OUTPUTS
-from aminn_hand.sensors import NOMINAL_FRICTION
+from aminn_hand.sensors import FRICTION, FRICTION_SPREAD, NOMINAL_FRICTION, faults
 from aminn_hand.theta import Theta
 
 from ..hand.nominal import Nominal, nominal_of, stiffness_terms
@@ -46,7 +47,7 @@ def slog(v: Tensor, scale: Tensor | float) -> Tensor:
 
 # Least spread that an input is scaled by. What hardly varies over the training data (the normals of a flat tool, say)
 # would otherwise reach tens of standard deviations on the first tool of another kind.
-_LENGTH, _NORMAL = 0.005, 0.25  # m, 1
+_LENGTH, _NORMAL, _KNOWN = 0.005, 0.25, 0.25  # m, 1, 1
 
 
 def contact_spread(dims: Dims) -> tuple[float, ...]:
@@ -58,7 +59,8 @@ def contact_spread(dims: Dims) -> tuple[float, ...]:
 def global_spread(dims: Dims) -> tuple[float, ...]:
     """Of `global_input`."""
     pose, wrench = (_LENGTH,) * 3 + (0.05,) * 3, (0.1,) * 3 + (0.005,) * 3
-    return (0.05,) * dims.joints + pose + wrench + (0.1,) * N_WRENCH + (0.1,) * dims.factors
+    sensed = (_KNOWN, 0.1, _KNOWN, *(0.1,) * AXES, _KNOWN, *(0.5,) * dims.tendons)[: dims.sensing]
+    return (0.05,) * dims.joints + pose + wrench + (0.1,) * N_WRENCH + (0.1,) * dims.factors + sensed
 
 
 class Normaliser(nn.Module):
@@ -72,10 +74,15 @@ class Normaliser(nn.Module):
         self.register_buffer("mean", torch.zeros(size))
         self.register_buffer("inv_std", torch.ones(size))
 
-    def fit(self, v: Tensor, least_spread: tuple[float, ...]) -> None:
-        """Take the constants from data (n, size); no column is scaled by less than its `least_spread`."""
+    def fit(self, v: Tensor, least_spread: tuple[float, ...], optional: slice = slice(0, 0)) -> None:
+        """Take the constants from data (n, size); no column is scaled by less than its `least_spread`.
+
+        Of the `optional` columns those that never vary in the data are left out: nothing was learned of them.
+        """
         self.mean.copy_(v.mean(0))
-        self.inv_std.copy_(1 / torch.maximum(v.std(0), torch.tensor(least_spread)))
+        spread = v.std(0)
+        self.inv_std.copy_(1 / torch.maximum(spread, torch.tensor(least_spread)))
+        self.inv_std[optional][(v[:, optional] == v[:1, optional]).all(0)] = 0
 
     def forward(self, v: Tensor) -> Tensor:
         return (v - self.mean) * self.inv_std
@@ -88,13 +95,51 @@ def contact_input(contacts: Tensor, j_q: Tensor) -> Tensor:
     return u.flatten(1)
 
 
-def global_input(x: dict[str, Tensor], wrench_log_scale: Tensor, factors: int) -> Tensor:
-    """Global state and as many of theta's factors as the model is told: (N, J + 18 + factors)."""
+def _friction(x: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
+    """How much is known of friction, and how far it moves the logarithm of the coefficient from nominal: (N) each."""
+    if FRICTION not in x:
+        none = torch.zeros_like(x["q"][:, 0])
+        return none, none
+    known, coefficient, deviation = x[FRICTION].unbind(-1)
+    is_known = known > 0
+    coefficient = torch.where(is_known, coefficient, NOMINAL_FRICTION)
+    deviation = torch.where(is_known, deviation, 0.0)
+    trust = known / (1 + (deviation / (FRICTION_SPREAD * coefficient)) ** 2)
+    return trust, trust * torch.log(coefficient / NOMINAL_FRICTION)
+
+
+def told_friction(x: dict[str, Tensor]) -> Tensor:
+    """Friction coefficient (N) that the layer starts from: the nominal one as far as nothing is known."""
+    return NOMINAL_FRICTION * torch.exp(_friction(x)[1])
+
+
+def sensed_input(x: dict[str, Tensor], dims: Dims) -> Tensor:
+    """What networks see of optional sensors: (N, `Dims.sensed`). What is not known is 0."""
+    parts = [torch.stack(_friction(x), -1)]
+    for name, (size,) in dims.sensors.items():
+        if name == FRICTION:
+            continue
+        value = x[name] if name in x else x["q"].new_zeros(len(x["q"]), size)
+        known = value[:, :1]
+        parts += [known, torch.where(known > 0, value[:, 1:], 0.0)]
+    return torch.cat(parts, -1)
+
+
+def global_input(x: dict[str, Tensor], wrench_log_scale: Tensor, dims: Dims) -> Tensor:
+    """Global state, theta's factors in a told model, sensors in one that has them: (N, `Dims.global_input`)."""
     q, w_e = x["q"], x["w_e"]
     state = [q, x["x_ht"], w_e, slog(w_e, wrench_log_scale)]
-    if factors:
-        state.append(x["theta"][:, :factors] if "theta" in x else q.new_zeros(len(q), factors))
+    if dims.factors:
+        state.append(x["theta"][:, : dims.factors] if "theta" in x else q.new_zeros(len(q), dims.factors))
+    if dims.sensing:
+        state.append(sensed_input(x, dims))
     return torch.cat(state, -1)
+
+
+def sensing_columns(dims: Dims, start: int = 0) -> slice:
+    """Where sensors stand in the global input that begins at `start`: at its end."""
+    stop = start + dims.global_input
+    return slice(stop - dims.sensing, stop)
 
 
 # Centre of what the optional head predicts.
@@ -187,14 +232,14 @@ class Backbone(nn.Module):
     def fit_normalisers(self, x: dict[str, Tensor]) -> None:
         """Take the normalisation constants from training inputs."""
         self.contact_norm.fit(contact_input(x["contacts"], x["j_q"]), contact_spread(self.dims))
-        seen = global_input(x, self.wrench_log_scale, self.dims.factors)
-        self.global_norm.fit(seen, global_spread(self.dims))
+        seen = global_input(x, self.wrench_log_scale, self.dims)
+        self.global_norm.fit(seen, global_spread(self.dims), sensing_columns(self.dims))
 
     def features(self, x: dict[str, Tensor]) -> Tensor:
         """f (N, width): contact summary fused with the global state."""
         touch = self.contact_norm(contact_input(x["contacts"], x["j_q"]))  # (N, B (8 + 3C))
         summary = torch.relu(self.contact(touch))  # (N, HC)
-        state = self.global_norm(global_input(x, self.wrench_log_scale, self.dims.factors))  # (N, J + 18 + factors)
+        state = self.global_norm(global_input(x, self.wrench_log_scale, self.dims))  # (N, Dims.global_input)
         hidden = torch.relu(self.trunk1(torch.cat([summary, state], -1)))  # (N, H)
         return torch.relu(self.trunk2(hidden))  # (N, H)
 
@@ -369,10 +414,18 @@ class Stage2(nn.Module):
         return r.dx, springs, r
 
 
+def _of_each(name: str, value: Tensor, q: Tensor, size: int, what: str) -> Tensor:
+    """What is told of all states (size) or of each (N, size) as (N, size). Raises AminnError for another shape."""
+    if tuple(value.shape) not in ((size,), (len(q), size)):
+        raise AminnError(f"{name} has shape {tuple(value.shape)}, expected ({size},) or ({len(q)}, {size}): {what}")
+    return value.to(q.dtype).expand(len(q), size)
+
+
 class Cascade(nn.Module):
     """A model of a hand: SI in, SI out; both stages are always computed, the caller applies tau."""
 
     hand: Hand
+    config: ModelConfig
 
     def inputs(
         self,
@@ -383,23 +436,38 @@ class Cascade(nn.Module):
         j_x: Tensor,
         j_q: Tensor,
         theta: Tensor | None = None,
+        friction: Tensor | None = None,
+        tool_weight: Tensor | None = None,
+        tendon_tension: Tensor | None = None,
     ) -> dict[str, Tensor]:
         """What `forward` takes, by name; shapes in `Dims.inputs`.
 
         theta (P) or (N, P) are mechanics parameters; none are zeros. Its joint zeros and tip radius have no effect
-        here: the state is that of the hand as it is (`Theta.corrected`). Raises AminnError where theta has another
-        shape.
+        here: the state is that of the hand as it is (`Theta.corrected`).
+        friction, tool_weight, tendon_tension: optional sensors in the form of `aminn_hand.sensors`, a row or one for
+        each state; none are zeros, which is not known. They have no effect on a model without them. Raises AminnError
+        where one of these has another shape, or says what cannot be.
         """
         x = dict(q=q, x_ht=x_ht, w_e=w_e, contacts=contacts, j_x=j_x, j_q=j_q)
-        if theta is None:
-            return x
-        n, size = len(q), len(Theta(self.hand))
-        if tuple(theta.shape) not in ((size,), (n, size)):
-            raise AminnError(
-                f"theta has shape {tuple(theta.shape)}, expected ({size},) or ({n}, {size}): a number for each of the "
-                f"{size} parameters of hand {self.hand.name}, in the order of Theta(hand).names"
-            )
-        return x | {"theta": theta.to(q.dtype).expand(n, size)}
+        hand, dims = self.hand.name, self.config.dims(self.hand)
+        if theta is not None:
+            size = len(Theta(self.hand))
+            what = f"a number for each of the {size} parameters of hand {hand}, in the order of Theta(hand).names"
+            x["theta"] = _of_each("theta", theta, q, size, what)
+        given = {"friction": friction, "tool_weight": tool_weight, "tendon_tension": tendon_tension}
+        for name, value in given.items():
+            if value is None:
+                continue
+            if name not in dims.sensors:
+                raise AminnError(f"{name} is given, but hand {hand} has no tendons; leave it out")
+            (size,) = dims.sensors[name]
+            sensor = _of_each(name, value, q, size, "whether it is known, 0 or 1, then its values")
+            for rows, fault in faults(name, sensor.detach().double().numpy()):
+                if rows.any():
+                    raise AminnError(f"{fault} in row {int(rows.argmax())} ({int(rows.sum())} such rows)")
+            if dims.sensing:
+                x[name] = sensor
+        return x
 
     def forward(self, *given: Tensor, **named: Tensor) -> dict[str, Tensor]:
         """Outputs of what `inputs` takes."""
