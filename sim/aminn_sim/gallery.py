@@ -30,6 +30,7 @@ from .current_mujoco import CurrentGrasp, import_mujoco
 from .errors import SimulationError
 from .open_hand import OpenHand, open_hand
 from .read import SimulatedData, read_data
+from .replay import session_of
 from .simulate import config_sha256
 from .vary import theta_of
 
@@ -132,11 +133,8 @@ def _draw(
     """Two pictures of a load case, and what the page says of it."""
     sample = {name: values[row] for name, values in data.samples.items()}
     number = int(sample["grasp_id"])
-    shard, index = divmod(number, config.shard_grasps)
     theta = theta_of(config, opened.hand, number)
-    session = _core.Session(
-        simulator, config.options(), config.seed, shard, index, number, config.family_indices(), theta
-    )
+    session = session_of(config, opened, simulator, number)
     numbers = () if theta is None else simulator.numbers(theta)
     grasp = CurrentGrasp(opened, session.scene(), offscreen=PIXELS * FINER, numbers=numbers)
     before = _pose(grasp, sample["q"])
