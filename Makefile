@@ -10,6 +10,7 @@ GRASPS  ?= 6250
 CASES   ?= 16
 SEED    ?= 0
 SEEDS   ?= 5
+CURVE_SEEDS ?= 2
 FUZZ_SECONDS ?= 60
 KILLS   ?= 50
 PICTURES ?= 16
@@ -80,11 +81,12 @@ dataset: setup-python ## simulated grasps and loads, in build/dataset (GRASPS=, 
 	@echo "Dataset: $(BUILD)/dataset/manifest.json, data card: $(BUILD)/dataset/card.html"
 
 .PHONY: paper ablation
-paper: setup-python ## AMINN beside the MLP on build/dataset, all seeds (SEEDS=), learning curve, shifts: a table
+paper: setup-python ## AMINN beside others on build/dataset, all seeds (SEEDS=), shifts, sensors, learning curve (CURVE_SEEDS=)
 ablation: setup-python ## choices of model and training, on validation grasps of build/dataset, all seeds (SEEDS=)
 paper ablation:
 	@[ -f $(BUILD)/dataset/manifest.json ] || $(MAKE) --no-print-directory dataset
-	@$(PYTHON) -m aminn_app.study $@ --data $(BUILD)/dataset --build $(BUILD) --seeds $(SEEDS) --jobs $(JOBS)
+	@$(PYTHON) -m aminn_app.study $@ --data $(BUILD)/dataset --build $(BUILD) --seeds $(SEEDS) --curve-seeds $(CURVE_SEEDS) \
+	  --jobs $(JOBS)
 
 .PHONY: tables
 tables: setup-python ## the tables of README and docs anew from build/studies (paper, ablation)

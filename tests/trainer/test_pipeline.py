@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 
 from aminn.data.dataset import Dataset, load_dataset
-from aminn.data.regimes import FRICTION_MAX, NEW_FAMILY, regimes, told
+from aminn.data.regimes import FRICTION_MAX, NEW_FAMILY, regimes
 from aminn.model.config import TrainConfig
 from aminn.training.train import train
 from aminn_app import study
-from aminn_app.paper_table import filled, write_tables
+from aminn_app.paper_table import TABLES, aims_report, filled, further_aims, main_aims, write_tables
 from aminn_app.pipeline import anew_if_outdated
 from aminn_app.records import Row, Study, over_seeds
 from aminn_base.errors import AminnError, InUseError, WriteError
+from aminn_base.files import finite
 
 
 def test_outdated_folder_is_made_again(dataset: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
@@ -53,10 +54,20 @@ def test_a_full_disk_or_another_program_costs_no_folder(tmp_path: Path, error: A
 
 def test_variants_of_a_study_differ_and_share_the_rest() -> None:
     assert len(set(study.ABLATIONS.values())) == len(study.ABLATIONS)
-    jobs = list(study.paper_jobs(2))
-    assert len({job.name for job in jobs}) == len(jobs) == 2 * 2 * len(study.FRACTIONS)
+    assert len(set(study.VARIANTS.values())) == len(study.VARIANTS)
+    jobs = list(study.paper_jobs(3, 2))
+    learning = 2 * len(study.LEARNING) * len(study.FRACTIONS)
+    assert len({job.name for job in jobs}) == len(jobs) == 3 * len(study.VARIANTS) + learning
     assert jobs[0].config == replace(study.BASE, seed=0)
     assert jobs[1].config == replace(jobs[0].config, kind="mlp", weight_decay=study.BASELINE.weight_decay)
+
+
+def test_a_study_makes_a_whole_table_of_one_seed_first() -> None:
+    jobs = list(study.paper_jobs(2, 1))
+    assert {job.variant for job in jobs[: len(study.VARIANTS)]} == set(study.VARIANTS)
+    assert {job.config.seed for job in jobs[: len(study.VARIANTS)]} == {0}
+    shares = [job.config.train_fraction for job in jobs]
+    assert min(shares[: 2 * len(study.VARIANTS)]) == 1 and max(shares[2 * len(study.VARIANTS) :]) < 1
 
 
 def test_regimes_differ_from_the_training_data_in_one_respect(dataset: Dataset) -> None:
@@ -76,30 +87,76 @@ def test_study_gathers_mean_and_spread_over_runs() -> None:
 
 
 def test_a_study_writes_its_table_and_goes_on(data_dir: Path, tmp_path: Path, monkeypatch) -> None:
-    """Two runs of each model on a share of the data: the report has every test set, and nothing is trained twice."""
-    jobs = [study.Job(k, TrainConfig(kind=k, epochs=1, train_fraction=f)) for f in (1.0, 0.3) for k in ("aminn", "mlp")]
+    """Two seeds of two models, and a share of the data: all tables are there, and nothing is trained twice."""
+    jobs = [study.Job(k, TrainConfig(kind=k, epochs=1, seed=s)) for s in (0, 1) for k in ("aminn", "mlp")]
+    jobs += [study.Job(k, TrainConfig(kind=k, epochs=1, train_fraction=0.3)) for k in ("aminn", "mlp")]
     data = load_dataset(data_dir)
     done = {job: study._run("paper", job, tmp_path, data_dir, 0) for job in jobs}
     found = study.summarise("paper", done, study._facts(data), study._still(data))
-    np.testing.assert_equal(Study.from_json(json.loads(json.dumps(found.as_json()))).flat(), found.flat())
+    assert Study.from_json(json.loads(json.dumps(finite(found.as_json())))).flat() == finite(found.flat())
     report = found.flat()
     for name in study.REGIMES:
         assert 0 <= report[f"{name}_aminn_f1_mean"] <= 1 and report[f"{name}_label_n_samples"] > 0
     assert report["iid_aminn_passivity_violation_full_mean"] == 0
     assert "learning_30pc_mlp_rmse_pose_mean" in report and "learning_100pc_aminn_f1_mean" in report
+    assert "learning_30pc_aminn_to_mlp_rmse_pose_all_mean" not in report and report["iid_aminn_seeds"] == 2
+    for figure in ("rmse_pose_all", "rmse_pose_slid", "relative_error_p90_all"):
+        a, b = (
+            [report[f"iid_aminn_to_mlp_{part}{figure}{end}"] for end in ("_low", "_high")] for part in ("", "seed1_")
+        )
+        assert a[0] < report[f"iid_aminn_to_mlp_{figure}_mean"] < a[1] and b[0] < b[1]
+    ratio = [report[f"iid_aminn_to_mlp_seed{k}_rmse_pose_all"] for k in (0, 1)]
+    assert report["iid_aminn_to_mlp_rmse_pose_all_mean"] == pytest.approx(np.mean(ratio))
+    errors = [done[job].figures["iid"][""][""]["rmse_pose_all"] for job in jobs[:2]]
+    assert ratio[0] == pytest.approx(errors[0] / errors[1], rel=1e-6)
     monkeypatch.setattr(study, "train", None)
-    assert {job: study._run("paper", job, tmp_path, data_dir, 0) for job in jobs} == done
+    again = {job: study._run("paper", job, tmp_path, data_dir, 0) for job in jobs}
+    assert all(again[job].figures == done[job].figures for job in jobs)
+    assert study.summarise("paper", again, {}, []).flat() == study.summarise("paper", done, {}, []).flat()
     text = write_tables("paper", found, tmp_path)
-    for row in ("new tool family", "larger loads", "full-work violations exactly 0", "| 30 % | AMINN |", "force x"):
+    for row in ("new tool family", "larger loads", "full-work violations 0", "| 30 % | AMINN |", "force x", "exactly"):
         assert row in text
 
 
-def test_what_is_told_stands_among_the_inputs_and_changes_the_identity(dataset: Dataset) -> None:
-    with_friction = told(dataset, "friction")
-    np.testing.assert_array_equal(with_friction.samples["x_ht"][:, 3], dataset.grasps["friction"][dataset.grasp_rows()])
-    np.testing.assert_array_equal(with_friction.samples["x_ht"][:, :3], dataset.samples["x_ht"][:, :3])
-    assert with_friction.sha256 != dataset.sha256 and told(dataset, "") is dataset
-    assert told(dataset, "pretension").samples["x_ht"][0, 3] == dataset.grasps["tendon_tension_N"][0, 0] / 20
+def test_figures_without_their_draws_are_taken_again(data_dir: Path, tmp_path: Path) -> None:
+    """A run that was cut between its two files is judged again, not half read."""
+    job = study.Job("mlp", TrainConfig(kind="mlp", epochs=1))
+    first = study._run("paper", job, tmp_path, data_dir, 0)
+    (tmp_path / "figures" / f"{job.name}.npz").unlink()
+    assert study._run("paper", job, tmp_path, data_dir, 0).draws.keys() == first.draws.keys()
+
+
+def study_of(**figures: float) -> Study:
+    return Study({}, [Row("iid", "aminn", figures, {k: 0.0 for k in figures}, 1)])
+
+
+def test_an_aim_is_met_in_the_digits_that_it_is_given_in() -> None:
+    for value, met in ((0.957, True), (0.95651, True), (0.9564, False)):
+        assert main_aims(study_of(f1=value), "iid", "")["F1"].met is met
+    for value, met in ((0.023, True), (0.02349, True), (0.0236, False)):
+        assert main_aims(study_of(relative_error_median_all=value), "iid", "")["median"].met is met
+    for value, met in ((0.95, True), (0.9389, False), (0.9611, False)):
+        (aim,) = [a for a in further_aims(study_of(bound_coverage=value)) if a.value is not None]
+        assert aim.met is met
+    for value, met in ((0.0, True), (1e-4, False)):
+        (aim,) = [a for a in further_aims(study_of(passivity_violation_full=value)) if a.value is not None]
+        assert aim.met is met
+
+
+def test_what_was_not_measured_counts_as_missed() -> None:
+    nothing, some = aims_report(Study({}, [])), aims_report(study_of(f1=0.99, passivity_violation_full=0.0))
+    assert nothing["aims_missed"] == nothing["aims"] == some["aims"] == some["aims_missed"] + 2
+    assert "F1, new grasps, class and weight told: -" in some["aims_missed_which"]
+    assert some["bound_f1"] == 0.96 and some["bound_rmse_pose_all"] == 0.0091
+
+
+def test_a_table_says_which_aim_is_missed_and_how_sure_a_ratio_is() -> None:
+    rows = [
+        Row("iid", "aminn", {"f1": 0.95}, {"f1": 0.0}, 1),
+        Row("iid", "aminn_to_mlp", {"rmse_pose_all": 0.7}, interval={"rmse_pose_all": (0.65, 0.76)}),
+    ]
+    text = TABLES["paper"]["aims"](Study({}, rows))
+    assert "| **new grasps** | nothing more | 0.950 ≥ 0.957 **no** | 0.70 [0.65, 0.76] ≤ 0.72 |" in text
 
 
 def test_marked_tables_are_written_anew() -> None:

@@ -26,7 +26,8 @@ class Row:
     test: str
     """Test set."""
     model: str
-    """Kind or variant of a trained model; "analytical", "no_motion", or "label" for the labels themselves."""
+    """Kind or variant of a trained model; "analytical", "no_motion", "label" for the labels themselves, or what
+    `against` says of a model beside another."""
     mean: Mapping[str, float | None]
     """By figure, over seeds."""
     sd: Mapping[str, float] = field(default_factory=dict)
@@ -36,10 +37,19 @@ class Row:
     share: float = WHOLE
     """Percent of the training grasps that it was trained on."""
     part: str = ""
-    """A group of load cases, or a level of noise; "" is the whole set."""
+    """A group of load cases, a level of noise, or one seed; "" is the whole set."""
+    inputs: str = ""
+    """What optional sensors told; "" is nothing."""
+    interval: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    """Between which bounds a figure lies, of those that are known so."""
 
 
-def over_seeds(test: str, model: str, share: float, runs: Iterable[tuple[int, Parts]]) -> list[Row]:
+def against(model: str, other: str) -> str:
+    """Name of the row that holds a model's figures against another's."""
+    return f"{model}_to_{other}"
+
+
+def over_seeds(test: str, model: str, share: float, runs: Iterable[tuple[int, Parts]], inputs: str = "") -> list[Row]:
     """One row for each part of a test set, from (seed, figures) of the runs; what a run has not counts as missing."""
     runs = list(runs)
     rows = []
@@ -51,7 +61,7 @@ def over_seeds(test: str, model: str, share: float, runs: Iterable[tuple[int, Pa
             values = [v for v in found if v is not None and np.isfinite(v)]
             if values:
                 mean[figure], sd[figure] = float(np.mean(values)), spread(values)
-        rows.append(Row(test, model, mean, sd, len({seed for seed, _ in runs}), share, part))
+        rows.append(Row(test, model, mean, sd, len({seed for seed, _ in runs}), share, part, inputs))
     return rows
 
 
@@ -67,33 +77,35 @@ class Study:
     facts: Facts
     rows: list[Row]
 
-    def row(self, test: str, model: str, share: float = WHOLE, part: str = "") -> Row:
+    def row(self, test: str, model: str, share: float = WHOLE, part: str = "", inputs: str = "") -> Row:
         """That row; an empty one where the study has none yet."""
         for row in self.rows:
-            if (row.test, row.model, row.share, row.part) == (test, model, share, part):
+            if (row.test, row.model, row.share, row.part, row.inputs) == (test, model, share, part, inputs):
                 return row
-        return Row(test, model, {}, share=share, part=part)
+        return Row(test, model, {}, share=share, part=part, inputs=inputs)
 
     def mean(self, test: str, model: str, figure: str, share: float = WHOLE) -> float | None:
-        """A figure of a whole test set."""
+        """A figure of a whole test set, with nothing told."""
         return self.row(test, model, share).mean.get(figure)
 
     def flat(self) -> dict[str, Any]:
-        """Flat keys TEST_MODEL_[PART_]FIGURE[_mean, _sd] for what is trained on all grasps; on shares of them
-        learning_SHAREpc_MODEL_FIGURE_mean, which the whole share has as well."""
+        """Flat keys TEST_MODEL_[INPUTS_][PART_]FIGURE[_mean, _sd, _low, _high] for what is trained on all grasps; on
+        shares of them learning_SHAREpc_MODEL_FIGURE_mean, which the whole share has as well."""
         out: dict[str, Any] = dict(self.facts)
         shares = len({row.share for row in self.rows if row.seeds}) > 1
         for row in self.rows:
-            part = f"{row.part}_" if row.part else ""
-            starts = [f"{row.test}_{row.model}"] if row.share == WHOLE else []
-            if row.seeds and shares and row.test == "iid":
-                starts.append(f"learning_{row.share:g}pc_{row.model}")
+            whole = "".join(f"{word}_" for word in (row.inputs, row.part) if word)
+            starts = [f"{row.test}_{row.model}_{whole}"] if row.share == WHOLE else []
+            if row.sd and shares and row.test == "iid" and not whole:
+                starts.append(f"learning_{row.share:g}pc_{row.model}_")
             for start in starts:
-                mean = "_mean" if row.seeds else ""
-                out |= {f"{start}_{part}{figure}{mean}": value for figure, value in row.mean.items()}
-                out |= {f"{start}_{part}{figure}_sd": value for figure, value in row.sd.items()}
-                if row.seeds and not row.part:
-                    out[f"{start}_seeds"] = row.seeds
+                mean = "_mean" if row.sd else ""
+                out |= {f"{start}{figure}{mean}": value for figure, value in row.mean.items()}
+                out |= {f"{start}{figure}_sd": value for figure, value in row.sd.items()}
+                for end, k in (("low", 0), ("high", 1)):
+                    out |= {f"{start}{figure}_{end}": bounds[k] for figure, bounds in row.interval.items()}
+                if row.sd and not row.part:
+                    out[f"{start}seeds"] = row.seeds
         return out
 
     def as_json(self) -> Any:

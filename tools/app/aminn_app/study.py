@@ -1,19 +1,22 @@
-"""Studies over seeds on one data set: AMINN beside the baseline with a learning curve (`make paper`), and choices of
+"""Studies over seeds on one data set: AMINN beside other models, with a learning curve (`make paper`), and choices of
 the model and its training (`make ablation`).
 
 Both learn from the same part of the data set (`REGIMES["iid"]`): known tool families, moderate friction and loads. The
 rest is what nobody has seen: another family, more friction, larger loads. A run is trained on one thread, runs stand
 side by side. Finished runs and their figures are kept, and the report is written anew after each: a study that is cut
 goes on where it stopped, and what it has is a whole table of fewer seeds.
+
+One model a seed is judged with each set of `INPUTS` that optional sensors tell.
 """
 
 from __future__ import annotations
 
+import io
 import json
 import multiprocessing
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from functools import cache
@@ -24,28 +27,38 @@ import click
 import numpy as np
 
 from aminn.data.dataset import Dataset, load_dataset
-from aminn.data.regimes import REGIMES, SELECTION, known, regimes, told
+from aminn.data.regimes import REGIMES, SELECTION, known, regimes
 from aminn.evaluation.analysis import breakdown, compliance_figures, gate_figures, noise_figures
 from aminn.evaluation.evaluate import baselines, figures_of, label_figures, learned
+from aminn.evaluation.paired import Resampled, compared, resampled
 from aminn.model.checkpoint import Checkpoint
 from aminn.model.config import TrainConfig
 from aminn.training.train import LEAST_GRASPS, identity_of, train
 from aminn_base.errors import AminnError
-from aminn_base.files import write_json
+from aminn_base.files import write_atomically, write_json
 from aminn_base.program import Messages
 
-from .paper_table import read_study, write_tables
+from .paper_table import aims_report, read_study, write_tables
 from .pipeline import anew_if_outdated
-from .records import WHOLE, Facts, Parts, Row, Study, over_seeds
+from .records import WHOLE, Facts, Parts, Row, Study, against, over_seeds, spread
 
 # To be raised with every change of the figures, so that those of kept runs are taken again.
 FIGURES_VERSION = 4
 BASE = TrainConfig()
 BASELINE = replace(BASE, kind="mlp", weight_decay=0.0)
 """The MLP without weight decay: on validation grasps its RMSE is a sixth less so, AMINN's is not (`make ablation`)."""
-FRACTIONS = (1.0, 0.1, 0.03, 0.3, 0.01)
-"""Shares of the training grasps, in the order in which they are trained."""
+VARIANTS = {"aminn": BASE, "mlp": BASELINE, "mlp_norm": replace(BASELINE, loss=replace(BASE.loss, relative=1e9))}
+"""Models of `make paper`. The MLP that learns plain norms errs less in RMSE, and more at the typical motion."""
+LEARNING = ("aminn", "mlp")
+FRACTIONS = (0.1, 0.03, 0.3, 0.01)
+"""Shares of the training grasps for the learning curve, in the order in which they are trained."""
+PAIRS = (("aminn", "mlp"), ("aminn", "mlp_norm"))
+"""Models that are compared grasp by grasp."""
+INPUTS = ("",)
+"""What optional sensors tell the models in an evaluation."""
 ABLATION_FRACTION = 0.3
+By = dict[str, dict[str, Parts]]
+"""Figures by test set and what was told."""
 
 
 @dataclass(frozen=True)
@@ -54,12 +67,19 @@ class Job:
 
     variant: str
     config: TrainConfig
-    secret: str = ""
-    """What `told` adds to the inputs."""
 
     @property
     def name(self) -> str:
         return f"{self.variant}-{100 * self.config.train_fraction:g}pc-{self.config.seed}"
+
+
+@dataclass(frozen=True)
+class Found:
+    """What was found of a run: figures, and for whole training sets what a bootstrap over test grasps makes of them."""
+
+    figures: By
+    draws: dict[tuple[str, str], Resampled]
+    """By test set and what was told."""
 
 
 def _mechanics(**changes: Any) -> TrainConfig:
@@ -88,7 +108,6 @@ ABLATIONS: dict[str, TrainConfig] = {
     "heads_blind_to_wrench": _model(heads_see_wrench=False),
     "heads_free": _model(heads="free"),
     "soft_finger": _model(soft_finger=True),
-    "slip": _model(slip=True),
     "loss_norm": _loss(relative=1e9),
     "loss_square": _loss(relative=1e9, power=2.0),
     "no_engagement": _loss(engagement=0.0),
@@ -101,26 +120,28 @@ ABLATIONS: dict[str, TrainConfig] = {
 """Choices that the method leaves open, each alone against what is shipped; the MLP gets those that concern it."""
 
 
-def paper_jobs(seeds: int) -> Iterator[Job]:
-    """Seed by seed, each time the whole training set first; a small share gets more epochs, for enough steps."""
+def paper_jobs(seeds: int, curve_seeds: int) -> Iterator[Job]:
+    """Seed by seed all models on the whole training set; then the learning curve, of fewer seeds.
+
+    A small share gets more epochs, for enough steps.
+    """
     for seed in range(seeds):
+        for variant, config in VARIANTS.items():
+            yield Job(variant, replace(config, seed=seed))
+    for seed in range(min(seeds, curve_seeds)):
         for fraction in FRACTIONS:
             epochs = round(BASE.epochs / fraction**0.5)
-            for config in (BASE, BASELINE):
-                yield Job(config.kind, replace(config, seed=seed, train_fraction=fraction, epochs=epochs))
+            for variant in LEARNING:
+                yield Job(variant, replace(VARIANTS[variant], seed=seed, train_fraction=fraction, epochs=epochs))
 
 
-def ablation_jobs(seeds: int) -> Iterator[Job]:
+def ablation_jobs(seeds: int, _: int) -> Iterator[Job]:
     for seed in range(seeds):
         for variant, config in ABLATIONS.items():
             yield Job(variant, replace(config, seed=seed, train_fraction=ABLATION_FRACTION))
-        for secret in ("friction", "pretension"):
-            for kind in ("aminn", "mlp"):
-                config = replace(BASE, kind=kind, seed=seed, train_fraction=ABLATION_FRACTION)
-                yield Job(f"{kind}_told_{secret}", config, secret)
 
 
-JOBS = {"paper": paper_jobs, "ablation": ablation_jobs}
+JOBS: dict[str, Callable[[int, int], Iterator[Job]]] = {"paper": paper_jobs, "ablation": ablation_jobs}
 
 
 @cache
@@ -140,36 +161,67 @@ def _tests(data: Dataset, study: str, fraction: float) -> dict[str, Dataset]:
     return tests
 
 
-def figures_on(checkpoint: Checkpoint, name: str, data: Dataset, deep: bool) -> Parts:
-    """All figures of a run on one test set; `deep`: with its parts and under noise."""
-    prediction = learned(checkpoint, data, name)
-    whole = figures_of(prediction, data) | gate_figures(prediction, data)
-    if not deep:
-        return {"": whole}
-    whole |= compliance_figures(prediction, data)
-    return {"": whole} | breakdown(prediction, data) | noise_figures(checkpoint, data)
+def _kept(file: Path, identity: dict) -> Found | None:
+    """What an earlier call found of a run with this identity, if it is there whole."""
+    draws = file.with_suffix(".npz")
+    if not file.is_file() or not draws.is_file():
+        return None
+    found = json.loads(file.read_text())
+    if found["identity"] != identity:
+        return None
+    by: dict[tuple[str, str], Resampled] = {}
+    with np.load(draws) as arrays:
+        for key, values in zip(arrays["keys"].tolist(), arrays["values"].astype(float), strict=True):
+            test, inputs, figure = key.split("/")
+            by.setdefault((test, inputs), {})[figure] = values
+    return Found(found["figures"], by)
 
 
-def _run(study: str, job: Job, folder: Path, path: Path, position: int) -> dict[str, Parts]:
-    """Train one run and judge it, or read what an earlier call found: test set -> figures."""
+def _keep(file: Path, identity: dict, found: Found) -> None:
+    """Write what was found; the file of figures, which says that all is there, comes last."""
+    draws = {"/".join((*key, figure)): v for key, by in found.draws.items() for figure, v in by.items()}
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, keys=np.array(list(draws), "U"), values=np.array(list(draws.values()), "f4"))
+    file.unlink(missing_ok=True)
+    write_atomically(file.with_suffix(".npz"), buffer.getvalue())
+    write_json(file, {"identity": identity, "figures": found.figures})
+
+
+def judge(checkpoint: Checkpoint, tests: dict[str, Dataset], study: str) -> Found:
+    """All figures of a run: on each test set with each of the inputs; with parts and under noise on new grasps."""
+    whole = study == "paper" and checkpoint.meta["identity"]["config"]["train_fraction"] == 1.0
+    figures: By = {}
+    draws: dict[tuple[str, str], Resampled] = {}
+    for test, data in tests.items():
+        for inputs in INPUTS if whole else INPUTS[:1]:
+            prediction = learned(checkpoint, data, checkpoint.model.kind)
+            parts = {"": figures_of(prediction, data) | gate_figures(prediction, data)}
+            if whole:
+                draws[test, inputs] = resampled(prediction, data)
+            if whole and test == "iid":
+                parts[""] |= compliance_figures(prediction, data)
+                parts |= (breakdown(prediction, data) if not inputs else {}) | noise_figures(checkpoint, data)
+            figures.setdefault(test, {})[inputs] = parts
+    return Found(figures, draws)
+
+
+def _run(study: str, job: Job, folder: Path, path: Path, position: int) -> Found:
+    """Train one run and judge it, or read what an earlier call found."""
     data = _data(path)
-    part = told(known(data), job.secret)
-    identity = identity_of(job.config, part.sha256) | {"figures_version": FIGURES_VERSION}
-    kept = folder / "figures" / f"{job.name}.json"
-    if kept.is_file():
-        found = json.loads(kept.read_text())
-        if found["identity"] == identity:
-            return found["figures"]
+    part = known(data)
+    identity = identity_of(job.config, part.sha256) | {"figures_version": FIGURES_VERSION, "inputs": list(INPUTS)}
+    file = folder / "figures" / f"{job.name}.json"
+    kept = _kept(file, identity)
+    if kept is not None:
+        return kept
     out = folder / "runs" / job.name
     start = time.process_time()
     checkpoint = anew_if_outdated(out, lambda: train(job.config, part, out, bar_position=position))
     seconds = time.process_time() - start
-    tests = {k: told(v, job.secret) for k, v in _tests(data, study, job.config.train_fraction).items()}
-    deep = study == "paper" and job.config.train_fraction == 1.0
-    figures = {name: figures_on(checkpoint, name, test, deep and name == "iid") for name, test in tests.items()}
-    figures["iid"][""] |= {"seconds": seconds, "n_parameters": checkpoint.meta["n_parameters"]}
-    write_json(kept, {"identity": identity, "figures": figures})
-    return json.loads(kept.read_text())["figures"]
+    found = judge(checkpoint, _tests(data, study, job.config.train_fraction), study)
+    found.figures["iid"][""][""] |= {"seconds": seconds, "n_parameters": checkpoint.meta["n_parameters"]}
+    _keep(file, identity, found)
+    return _kept(file, identity) or found
 
 
 def _facts(data: Dataset) -> Facts:
@@ -194,16 +246,49 @@ def _still(data: Dataset) -> list[Row]:
     return rows
 
 
-def summarise(study: str, done: dict[Job, dict[str, Parts]], facts: Facts, still: list[Row]) -> Study:
+def summarise(study: str, done: dict[Job, Found], facts: Facts, still: list[Row]) -> Study:
     """The study so far: figures of every variant by test set and share of the training grasps, over seeds."""
-    groups: dict[tuple[str, str, float], list[tuple[int, Parts]]] = {}
-    for job, tests in done.items():
+    groups: dict[tuple[str, str, str, float], list[tuple[int, Parts]]] = {}
+    for job, found in done.items():
         share = WHOLE if study == "ablation" else 100 * job.config.train_fraction
-        for name, parts in tests.items():
-            groups.setdefault((name, job.variant, share), []).append((job.config.seed, parts))
-    rows = [row for (name, variant, share), runs in groups.items() for row in over_seeds(name, variant, share, runs)]
-    seconds = sum(tests["iid"][""]["seconds"] for tests in done.values())
-    return Study(facts | {"seconds_of_training": seconds}, [*still, *rows])
+        for name, by_inputs in found.figures.items():
+            for inputs, parts in by_inputs.items():
+                groups.setdefault((name, job.variant, inputs, share), []).append((job.config.seed, parts))
+    rows = [
+        row
+        for (name, variant, inputs, share), runs in groups.items()
+        for row in over_seeds(name, variant, share, runs, inputs)
+    ]
+    seconds = sum(found.figures["iid"][""][""]["seconds"] for found in done.values())
+    return Study(facts | {"seconds_of_training": seconds}, [*still, *rows, *comparisons(done)])
+
+
+def comparisons(done: dict[Job, Found]) -> Iterator[Row]:
+    """Each of `PAIRS` on each test set with the same inputs: over the seeds that both have, and seed by seed."""
+    draws = {(job.variant, job.config.seed, *key): d for job, f in done.items() for key, d in f.draws.items()}
+    for mine, other in PAIRS:
+        for test, inputs in dict.fromkeys(key[2:] for key in draws if key[0] == mine):
+            seeds = sorted(seed for name, seed, *key in draws if name == mine and key == [test, inputs])
+            seeds = [seed for seed in seeds if (other, seed, test, inputs) in draws]
+            chosen = {"": seeds} | {f"seed{seed}": [seed] for seed in seeds} if seeds else {}
+            for part, some in chosen.items():
+                a, b = ([draws[name, seed, test, inputs] for seed in some] for name in (mine, other))
+                yield _compared(Row(test, against(mine, other), {}, part=part, inputs=inputs), a, b)
+
+
+def _compared(row: Row, mine: list[Resampled], other: list[Resampled]) -> Row:
+    """The row with one model's figures against another's, in runs of the same seeds."""
+    found = {figure: compared(mine, other, figure) for figure in mine[0]}
+    found = {figure: value for figure, value in found.items() if np.isfinite(value).all()}
+    pairs = list(zip(mine, other, strict=True))
+    each = {figure: [compared([a], [b], figure).value for a, b in pairs] for figure in found}
+    return replace(
+        row,
+        mean={figure: value.value for figure, value in found.items()},
+        sd={} if row.part else {figure: spread(values) for figure, values in each.items()},
+        seeds=0 if row.part else len(pairs),
+        interval={figure: (value.low, value.high) for figure, value in found.items()},
+    )
 
 
 def _enough(data: Dataset, fraction: float) -> bool:
@@ -216,14 +301,18 @@ def _enough(data: Dataset, fraction: float) -> bool:
 @click.option("--data", type=click.Path(path_type=Path, file_okay=False, exists=True), required=True)
 @click.option("--build", type=click.Path(path_type=Path, file_okay=False), default=Path("build"), show_default=True)
 @click.option("--seeds", type=click.IntRange(1), default=5, show_default=True, help="Runs of each variant.")
+@click.option(
+    "--curve-seeds", type=click.IntRange(0), default=2, show_default=True, help="The same of the learning curve."
+)
 @click.option("--jobs", type=click.IntRange(1), default=None, help="Runs side by side.  [default: all cores]")
-def main(study: str, data: Path, build: Path, seeds: int, jobs: int | None) -> None:
+def main(study: str, data: Path, build: Path, seeds: int, curve_seeds: int, jobs: int | None) -> None:
     """Run a study and write its figures to build/reports/STUDY.json, its tables to STUDY.md."""
     folder, reports = build / "studies" / study, build / "reports"
-    waiting = [job for job in JOBS[study](seeds) if _enough(known(_data(data)), job.config.train_fraction)]
+    planned = JOBS[study](seeds, curve_seeds)
+    waiting = [job for job in planned if _enough(known(_data(data)), job.config.train_fraction)]
     facts, still = (_facts(_data(data)), _still(_data(data))) if study == "paper" else ({}, [])
     workers = min(len(waiting), jobs or len(os.sched_getaffinity(0)))
-    done: dict[Job, dict[str, Parts]] = {}
+    done: dict[Job, Found] = {}
     with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
         futures = {pool.submit(_run, study, job, folder, data, k % workers): job for k, job in enumerate(waiting)}
         for future in as_completed(futures):
@@ -231,7 +320,8 @@ def main(study: str, data: Path, build: Path, seeds: int, jobs: int | None) -> N
             runs: Facts = {"runs": len(done), "runs_planned": len(waiting)}
             found = summarise(study, done, facts | runs, still)
             write_json(folder / "rows.json", found.as_json())
-            write_json(reports / f"{study}.json", found.flat())
+            write_json(reports / f"{study}.json", found.flat() | (aims_report(found) if study == "paper" else {}))
+            write_tables(study, found, reports)
     text = write_tables(study, read_study(folder), reports)
     click.echo(f"\n{text}\nfigures: {reports / f'{study}.json'}")
 

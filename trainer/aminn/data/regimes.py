@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError
 
-from ..hand.nominal import gated_tendons
 from .dataset import Dataset
 
 NEW_FAMILY = "ellipsoid"
@@ -36,23 +33,3 @@ def regimes(data: Dataset) -> dict[str, NDArray[np.bool_]]:
 def known(data: Dataset) -> Dataset:
     """The part that is trained, validated and (on test grasps) tested on."""
     return data.where(regimes(data)["iid"], SELECTION)
-
-
-def told(data: Dataset, secret: str) -> Dataset:
-    """The data with what no sensor of the hand tells among the inputs: where it stands, the tool's orientation is lost.
-
-    The mechanics layer has no use for the orientation, and the contacts say most of it. "friction" is the coefficient,
-    "pretension" the tension of the first three gated tendons before the load (over 20 N).
-    """
-    if not secret:
-        return data
-    rows, x_ht = data.grasp_rows(), data.samples["x_ht"].copy()
-    gated = gated_tendons(data.hand)
-    if secret == "pretension" and (len(gated) < 3 or min(gated[:3]) < 0):
-        raise AminnError(f"hand {data.hand.name} has no three gated tendons whose pretension could be told")
-    values = {
-        "friction": np.repeat(data.simulated("grasps", "friction")[rows, None], 3, axis=1),
-        "pretension": data.simulated("grasps", "tendon_tension_N")[rows][:, gated[:3]] / 20.0,
-    }
-    x_ht[:, 3:] = values[secret]
-    return replace(data, samples=data.samples | {"x_ht": x_ht}, selection=f"{data.selection}, {secret} told")
