@@ -22,12 +22,13 @@ FIGURES = (
     ("recall", "recall", "{:.3f}"),
     ("auroc", "AUROC of p_stable", "{:.3f}"),
     ("ece", "expected calibration error of p_stable", "{:.3f}"),
-    ("rmse_pose", "RMSE_pose, stable and predicted stable", "{:.4f}"),
-    ("rmse_mm", "RMSE, mm", "{:.2f}"),
-    ("rmse_deg", "RMSE, degrees", "{:.2f}"),
-    ("relative_error_median", "relative error, median", "{:.3f}"),
-    ("relative_error_p90", "relative error, 90th percentile", "{:.3f}"),
+    ("rmse_pose_all", "RMSE_pose, all stable", "{:.4f}"),
+    ("rmse_mm_all", "RMSE, mm", "{:.2f}"),
+    ("rmse_deg_all", "RMSE, degrees", "{:.2f}"),
+    ("relative_error_median_all", "relative error, median", "{:.3f}"),
+    ("relative_error_p90_all", "relative error, 90th percentile", "{:.3f}"),
     ("passivity_violation_full", "share with w.dx < 0", "{:.2%}"),
+    ("rmse_pose", "RMSE_pose, stable and predicted stable", "{:.4f}"),
 )
 
 
