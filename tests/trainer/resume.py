@@ -15,19 +15,20 @@ import random
 import shutil
 import signal
 import tempfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from synthetic import write_dataset
 
 from aminn.data.dataset import load_dataset
 from aminn.model.checkpoint import META, WEIGHTS
-from aminn.model.config import TrainConfig
+from aminn.model.config import ModelConfig, TrainConfig
 from aminn.training import train as train_module
 from aminn_base.files import write_json
 
 GRASPS, CASES = 60, 8
-CONFIG = TrainConfig(epochs=6, batch=32)
+CONFIG = TrainConfig(epochs=6, batch=32, model=ModelConfig(sensors=True))
+"""With sensors, which are drawn anew at each step."""
 
 
 def _run(data: Path, out: Path, kind: str, kill_after: int | None) -> None:
@@ -42,7 +43,7 @@ def _run(data: Path, out: Path, kind: str, kill_after: int | None) -> None:
         return step(self, x, y)
 
     train_module._Loop._step = counted
-    train_module.train(TrainConfig(kind=kind, epochs=CONFIG.epochs, batch=CONFIG.batch), load_dataset(data), out)
+    train_module.train(replace(CONFIG, kind=kind), load_dataset(data), out)
 
 
 @dataclass

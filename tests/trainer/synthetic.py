@@ -207,6 +207,10 @@ def write_dataset(
         file["grasps/grasp_id"] = np.arange(grasps)
         file["grasps/tool_family"] = np.arange(grasps) % len(FAMILIES)
         file["grasps/friction"] = np.random.default_rng(seed).uniform(0.4, 1.1, grasps)
+        weight = np.random.default_rng([seed, 2])
+        file["grasps/tool_mass_kg"] = weight.uniform(0.05, 0.3, grasps)
+        down = weight.normal(size=(grasps, 3))
+        file["grasps/gravity_m_s2"] = 9.81 * down / np.linalg.norm(down, axis=1, keepdims=True)
         file["grasps/tendon_tension_N"] = np.random.default_rng(seed).uniform(0, 10, (grasps, h.dims.tendons))
         capsule = [[3, 0.015, 0.035, 0, 0, 0, 0, 0.5**0.5, 0, 0.5**0.5, 0], [-1] + [0] * 10, [-1] + [0] * 10]
         file["grasps/tool_geoms"] = np.tile(np.array(capsule, float), (grasps, 1, 1))

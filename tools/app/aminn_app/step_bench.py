@@ -18,7 +18,7 @@ import torch
 from aminn.data.dataset import Dataset, load_dataset
 from aminn.model.checkpoint import build_model
 from aminn.model.config import Kind, TrainConfig
-from aminn.training.train import _Loop, _select, _stages, mirror_of, model_config
+from aminn.training.train import _Loop, _select, _stages, as_seen, mirror_of, model_config
 from aminn_base.files import write_json
 from aminn_base.program import Messages
 from aminn_hand.theta import Theta
@@ -31,7 +31,8 @@ def _loops(kind: Kind, data: Dataset) -> list[_Loop]:
     config = TrainConfig(kind=kind, batch=BATCH, epochs=1000)
     torch.manual_seed(config.seed)
     model = build_model(kind, model_config(config.model, data), data.hand)
-    stages = _stages(model, config, data, data)
+    seen = as_seen(data, model.config)
+    stages = _stages(model, config, seen, seen)
     mirror = mirror_of(config, data.hand)
     return [_Loop(stage, replace(config), mirror) for stage in stages]
 

@@ -22,6 +22,7 @@ from aminn_base.lock import read_shared
 from aminn_base.read import AnyPath, read_json, require
 from aminn_hand import Hand
 from aminn_hand.hand import N_WRENCH
+from aminn_hand.sensors import faults
 from aminn_hand.theta import Theta
 
 from ..hand.nominal import gated_tendons
@@ -40,7 +41,8 @@ ANEW = "simulate the data set again, or import it again"
 ORIGIN, MEASURED = "origin", "measured"
 """Key of a manifest, and its value where the pushes were measured; where it is missing they were simulated."""
 SIMULATED_ONLY = frozenset(
-    "q_after tendon_tension_after_N tendon_tension_N tool_family tool_size_m tool_geoms friction".split()
+    "q_after tendon_tension_after_N tendon_tension_N tool_family tool_size_m tool_geoms friction tool_mass_kg "
+    "gravity_m_s2".split()
 )
 """Fields that no sensor gives: measured data lack them, and /noise."""
 TAUT_N = 1e-3
@@ -84,11 +86,17 @@ def shapes_of(hand: Hand, varied: bool = False) -> Shapes:
     return {"samples": samples, "grasps": grasps, "noise": noise}
 
 
+def optional_shapes_of(hand: Hand) -> Shapes:
+    """What the trainer reads of shards that have it: sensors of measured data; what a tool's weight follows from."""
+    return {"samples": hand.dims.sensors, "grasps": {"tool_mass_kg": (), "gravity_m_s2": (3,)}, "noise": {}}
+
+
 @dataclass(frozen=True)
 class Dataset:
     """Samples (leading dimension n) and grasps (g); float64 but for `stable` (uint8) and `grasp_id` (int64).
 
     Where hands differ from their description (the manifest has `theta_names`), samples have their grasp's `theta`.
+    Measured samples have the sensors of `Dims.sensors` that the data tell; of simulated ones `sensors.py` says them.
     """
 
     manifest: dict
@@ -163,8 +171,9 @@ class Dataset:
         return "theta" in self.samples
 
     def inputs(self, dtype: torch.dtype = torch.float32) -> dict[str, torch.Tensor]:
-        """Model inputs as tensors; `theta` among them where the data tell it."""
-        names = [*self.hand.dims.inputs, *(["theta"] if self.has_theta else [])]
+        """Model inputs as tensors; `theta` and sensors among them where the data tell them."""
+        more = [name for name in ("theta", *self.hand.dims.sensors) if name in self.samples]
+        names = [*self.hand.dims.inputs, *more]
         return {k: torch.as_tensor(self.samples[k]).to(dtype) for k in names}
 
 
@@ -228,7 +237,7 @@ def _table(file: Path, place: str, value: object) -> dict:
 Shard = dict[str, dict[str, NDArray]]  # group -> field -> rows
 
 
-def _read_shard(folder: Path, entry: dict, groups: Shapes) -> Shard:
+def _read_shard(folder: Path, entry: dict, groups: Shapes, optional: Shapes) -> Shard:
     path = folder / entry["file"]
     if not path.is_file():
         raise AminnError(f"{path}: the manifest names this shard, but it is missing; {ANEW}")
@@ -246,7 +255,8 @@ def _read_shard(folder: Path, entry: dict, groups: Shapes) -> Shard:
             raise AminnError(f"{path}: /{group} has {_rows(found)} rows, the manifest says {entry[key]}; {ANEW}")
     for group, shapes in groups.items():
         rows = None
-        for name, shape in shapes.items():
+        more = {name: shape for name, shape in optional[group].items() if name in shard[group]}
+        for name, shape in (shapes | more).items():
             if name not in shard[group]:
                 raise AminnError(f"{path}: /{group}/{name} is missing; {ANEW}")
             values = np.asarray(shard[group][name])
@@ -296,6 +306,15 @@ def _check_together(path: Path, manifest: dict, shards: list[Shard]) -> None:
             raise AminnError(f"{path}: {key} of the manifest is {manifest[key]}, the shards hold {rows}")
 
 
+def _check_fields(path: Path, manifest: dict, shards: list[Shard]) -> None:
+    """All shards have the fields of the first one."""
+    for entry, shard in zip(manifest["shards"], shards, strict=True):
+        for group, fields in shards[0].items():
+            if odd := sorted(fields.keys() ^ shard[group].keys()):
+                where = f"{path / entry['file']}: /{group}/{odd[0]}"
+                raise AminnError(f"{where} is not both here and in {manifest['shards'][0]['file']}; {ANEW}")
+
+
 def _joined(shards: list[Shard], group: str) -> dict[str, NDArray]:
     return {name: np.concatenate([shard[group][name] for shard in shards]) for name in shards[0][group]}
 
@@ -307,10 +326,12 @@ def load_dataset(path: AnyPath) -> Dataset:
     groups = shapes_of(hand_of(manifest, str(path)), "theta_names" in manifest)
     if is_measured(manifest):
         groups = {name: _sensed(fields) for name, fields in groups.items() if name != "noise"}
-    shards = [_read_shard(path, entry, groups) for entry in manifest["shards"]]
+    optional = optional_shapes_of(hand_of(manifest, str(path)))
+    shards = [_read_shard(path, entry, groups, optional) for entry in manifest["shards"]]
     if not shards:
         raise AminnError(f"{path}: the data set has no shards")
     _check_together(path, manifest, shards)
+    _check_fields(path, manifest, shards)
     starts = np.cumsum([0] + [len(shard["samples"]["stable"]) for shard in shards])
     for shard, start in zip(shards, starts, strict=False):
         again = shard.setdefault("noise", {"sample": np.zeros(0, np.int64)})
@@ -334,6 +355,11 @@ def load_dataset(path: AnyPath) -> Dataset:
         if bad.any():
             where = f"sample {int(np.argmax(bad))} ({int(bad.sum())} such samples)"
             raise AminnError(f"{path}: {name} is not finite in {where}; {ANEW}")
+    for name in [name for name in optional["samples"] if name in samples]:
+        for rows, fault in faults(name, np.asarray(samples[name], float)):
+            if rows.any():
+                where = f"sample {int(np.argmax(rows))} ({int(rows.sum())} such samples)"
+                raise AminnError(f"{path}: {fault} in {where}; {ANEW}")
     samples["noise_row"] = np.full(len(samples["stable"]), -1)
     samples["noise_row"][noise["sample"]] = np.arange(len(noise["sample"]))
     return dataset

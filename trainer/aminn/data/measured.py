@@ -34,8 +34,8 @@ def write_measured(out: Path, hand: Hand, arrays: Mapping[str, NDArray], fallbac
     """Write the data set of checked arrays, with a row a push and no gaps, to folder `out`; returns its manifest.
 
     Needs q, x_ht, w_e, contacts, dx_ht and grasp_id; `stable` is 1 where it is not told. Rows keep their order, time_s
-    is kept; theta, where it is told, is one of each grasp. Its joint zeros and radius make states right, and are 0 in
-    the data set. A folder that holds another data set is refused.
+    and sensors (`Dims.sensors`) are kept; theta, where it is told, is one of each grasp. Its joint zeros and radius
+    make states right, and are 0 in the data set. A folder that holds another data set is refused.
     """
     rows, n = {name: np.asarray(values) for name, values in arrays.items()}, len(arrays["grasp_id"])
     factors = Theta(hand).factors
@@ -47,6 +47,7 @@ def write_measured(out: Path, hand: Hand, arrays: Mapping[str, NDArray], fallbac
     samples["j_x"], samples["j_q"] = closure(hand, samples["q"], samples["x_ht"], samples["contacts"])
     samples["grasp_id"] = rows["grasp_id"].astype(np.int64)
     samples["stable"] = rows.get("stable", np.ones(n)).astype(np.uint8)
+    samples |= {name: rows[name].astype(np.float64) for name in hand.dims.sensors if name in rows}
     if "time_s" in rows:
         samples["time_s"] = rows["time_s"].astype(np.float64)
     ids, first = np.unique(samples["grasp_id"], return_index=True)

@@ -8,6 +8,7 @@ reversed turns the mirrored finger the same way. Parameters theta go to the para
 from __future__ import annotations
 
 from functools import cached_property
+from itertools import accumulate
 
 import numpy as np
 import torch
@@ -17,6 +18,7 @@ from torch import Tensor
 from aminn_base.errors import AminnError
 from aminn_hand import Hand
 from aminn_hand.hand import N_WRENCH
+from aminn_hand.sensors import FRICTION, TENDON_TENSION, TOOL_WEIGHT
 from aminn_hand.theta import Theta
 
 from .nominal import nominal_of, stiffness_terms
@@ -69,6 +71,28 @@ class Reflection:
         image += [theta.stiff + b for b in self.branches]
         return [*image, *(theta.factors + j for j in self.joints), len(theta) - 1]
 
+    @cached_property
+    def tendons(self) -> list[int]:
+        """(T) tendon that each tendon is the image of. Raises AminnError where one has none in the image's branch."""
+        starts = list(accumulate((len(b.tendons) for b in self.hand.branches), initial=0))
+        image: list[int] = []
+        for branch, b in zip(self.hand.branches, self.branches, strict=True):
+            for tendon in branch.tendons:
+                same = [
+                    starts[b] + i
+                    for i, other in enumerate(self.hand.branches[b].tendons)
+                    if starts[b] + i not in image
+                    and other.pull_only == tendon.pull_only
+                    and np.allclose([*other.arm_m, other.stiffness_N_m], [*tendon.arm_m, tendon.stiffness_N_m], 1e-5)
+                ]
+                if not same:
+                    raise AminnError(
+                        f"hand {self.hand.name}: tendon {tendon.name} has no mirror image whose tension could be told; "
+                        "train with --set mirror=false"
+                    )
+                image.append(same[0])
+        return image
+
     def _polar(self, v: Tensor) -> Tensor:
         return _reflected(v, self.polar)
 
@@ -80,12 +104,13 @@ class Reflection:
         return torch.cat([self._polar(v[..., :3]), self._axial(v[..., 3:])], -1)
 
     def inputs(self, x: dict[str, Tensor]) -> dict[str, Tensor]:
-        """Images of inputs, shapes as in `Dims.inputs` after the batch; theta (n, P) with them if it is there."""
+        """Images of inputs, shapes as in `Dims.inputs` after the batch; theta (n, P) and sensors if they are there."""
         touch, position, normal, force = x["contacts"].split([1, 3, 3, 1], -1)
         contacts = torch.cat([touch, self._polar(position), self._polar(normal), force], -1)
         rows_x, rows_q = (self._polar(x[name].transpose(-1, -2)).transpose(-1, -2) for name in ("j_x", "j_q"))
-        theta = {"theta": x["theta"][:, self.parameters]} if "theta" in x else {}
-        return theta | {
+        more = {"theta": x["theta"][:, self.parameters]} if "theta" in x else {}
+        more |= self._sensors(x)
+        return more | {
             "q": x["q"][:, self.joints],
             "x_ht": self.motion(x["x_ht"]),
             "w_e": self.motion(x["w_e"]),
@@ -93,6 +118,16 @@ class Reflection:
             "j_x": self.motion(rows_x)[:, self.branches].contiguous(),
             "j_q": rows_q[:, self.branches].contiguous(),
         }
+
+    def _sensors(self, x: dict[str, Tensor]) -> dict[str, Tensor]:
+        """Images of the sensors that are there; what is known and what is not stays so."""
+        found = {FRICTION: x[FRICTION]} if FRICTION in x else {}
+        if TOOL_WEIGHT in x:
+            known, weight = x[TOOL_WEIGHT].split([1, 3], -1)
+            found[TOOL_WEIGHT] = torch.cat([known, self._polar(weight)], -1)
+        if TENDON_TENSION in x:
+            found[TENDON_TENSION] = x[TENDON_TENSION][:, [0, *(1 + t for t in self.tendons)]]
+        return found
 
     def targets(self, y: Tensor) -> Tensor:
         """Images of a stage's targets: stability (n) stays, motion and tendons (n, 6 or 6 + B) do not."""

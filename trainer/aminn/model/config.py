@@ -33,6 +33,7 @@ Kind = Literal["aminn", "mlp"]
 Width = Annotated[int, Field(gt=0, le=4096)]
 Scale = Annotated[float, Field(gt=0, le=1e9)]
 Weight = Annotated[float, Field(ge=0, le=1e9)]
+Share = Annotated[float, Field(ge=0, le=1)]
 OF_HAND = "hand"
 """How a file says that a setting is the hand's own; None in a configuration."""
 OF_DATA = "data"
@@ -150,6 +151,26 @@ class LossWeights:
 
 
 @checked_dataclass(frozen=True, config=CHECKS)
+class SensorDraws:
+    """What is known of a training sample in a model with sensors, drawn anew each time that it is shown."""
+
+    friction: Share = 0.6
+    """Share of samples whose friction is told."""
+    friction_class: Share = 0.5
+    """Share of these that are told a class alone: low, mid or high."""
+    friction_deviation: Share = 0.3
+    """Largest standard deviation of the others, as a share of the coefficient; it is told too. Most have much less."""
+    weight: Share = 0.5
+    """Share of samples whose tool's weight is told."""
+    weight_noise_N: Weight = 0.05
+    """Largest standard deviation of each of its components."""
+    tension: Share = 0.3
+    """Share of samples whose tendon tensions are told."""
+    tension_noise: Share = 0.02
+    """Their standard deviation, as a share."""
+
+
+@checked_dataclass(frozen=True, config=CHECKS)
 class TrainConfig:
     """One training run."""
 
@@ -175,6 +196,8 @@ class TrainConfig:
     """Share of the training grasps to learn from, for learning curves; smaller shares are part of larger ones."""
     loss: LossWeights = field(default_factory=LossWeights)
     """Weights of the stage 2 loss."""
+    sensing: SensorDraws = field(default_factory=SensorDraws)
+    """What is known of training samples, in a model with sensors."""
     model: ModelConfig = field(default_factory=ModelConfig)
     """Sizes and constants of the network and its mechanics layer."""
 

@@ -28,6 +28,7 @@ from aminn_hand.theta import Theta
 
 from ..data.dataset import MEASURED, Dataset
 from ..data.origin import check_hand
+from ..data.sensors import SEED, draw, drawn, tells_all, truth, with_sensors
 from ..evaluation.metrics import all_figures, calibration_figures, choose_tau, holds, operating_curve, pose_error
 from ..evaluation.predict import predict
 from ..hand.symmetry import Reflection
@@ -106,13 +107,17 @@ def _stage_data(part: Dataset) -> tuple[Inputs, Tensor, Tensor]:
 def _stages(
     model: Aminn | Mlp, config: TrainConfig, train: Dataset, validation: Dataset, new: bool = True
 ) -> list[_Stage]:
-    """Both stages with their data; fits the normalisation of a new model."""
+    """Both stages with their data; fits the normalisation of a new model.
+
+    Sensors of `train` are all that is known of them, which each step draws from; those of `validation` are as they are.
+    """
     (x, stable, motion), (xv, stable_v, motion_v) = map(_stage_data, (train, validation))
     held, held_v = torch.nonzero(stable).squeeze(1), torch.nonzero(stable_v).squeeze(1)
     stable_x = _select(x, held)
     if new:
-        model.stage1.fit_normalisers(x)
-        model.stage2.fit_normalisers(stable_x)
+        typical = draw(x, config.sensing, torch.Generator().manual_seed(SEED))
+        model.stage1.fit_normalisers(typical)
+        model.stage2.fit_normalisers(_select(typical, held))
     if new and isinstance(model, Mlp):
         model.stage2.out_scale.copy_(motion[held, :N_WRENCH].std(0))
     stage1 = _stage1_terms(model.stage1)
@@ -145,7 +150,8 @@ def continued(config: TrainConfig, start: Checkpoint, data: Dataset) -> TrainCon
             f"{start.path}: is an {start.model.kind}, and cannot be fine-tuned as an {config.kind}; "
             f"give --model {start.model.kind}"
         )
-    wanted = config.model if config.model.told is not None else replace(config.model, told=mine.told)
+    of_data = {name: getattr(mine, name) for name in ("told", "sensors") if getattr(config.model, name) is None}
+    wanted = replace(config.model, **of_data)
     if config.model != ModelConfig() and wanted != mine:
         keys = ", ".join(f"model.{key}" for key in differences(asdict(mine), asdict(wanted)))
         raise AminnError(
@@ -176,9 +182,9 @@ def _precision(module: nn.Module, dtype: torch.dtype) -> Iterator[None]:
 
 
 def model_config(config: ModelConfig, data: Dataset) -> ModelConfig:
-    """The settings with what follows from the training data: whether networks are told theta.
+    """The settings with what follows from the training data: whether networks are told theta, and see sensors.
 
-    Raises AminnError where they are to be told what the data do not vary.
+    Raises AminnError where they are to be told what the data do not vary, or to see what the data do not tell.
     """
     factors = data.samples["theta"][:, : Theta(data.hand).factors] if data.has_theta else np.zeros((1, 0))
     varied = bool((factors != factors[:1]).any())
@@ -187,7 +193,18 @@ def model_config(config: ModelConfig, data: Dataset) -> ModelConfig:
             "model.told = true, but the mechanics parameters of all grasps of the training data are the same, and a "
             'network learns nothing from them; leave it at "data", or simulate with --vary mechanics=0.5'
         )
-    return replace(config, told=varied) if config.told is None else config
+    if config.sensors and not truth(data):
+        raise AminnError(
+            f"model.sensors = true, but the training data tell none of {', '.join(data.hand.dims.sensors)}, and a "
+            'network learns nothing of them; leave it at "data", or start from a run that has them (--finetune)'
+        )
+    told = varied if config.told is None else config.told
+    return replace(config, told=told, sensors=tells_all(data) if config.sensors is None else config.sensors)
+
+
+def as_seen(part: Dataset, config: ModelConfig) -> Dataset:
+    """A part of the data with all that a model with these settings may know of its samples' sensors."""
+    return with_sensors(part, truth(part) if config.sensors else {})
 
 
 def mirror_of(config: TrainConfig, hand: Hand) -> Reflection | None:
@@ -252,7 +269,8 @@ class _Loop:
         total = 0.0
         self.stage.module.train()
         for index in order.split(self.config.batch):
-            total += self._step(_select(x, index), y[index]) * len(index)
+            shown = draw(_select(x, index), self.config.sensing, self.rng)
+            total += self._step(shown, y[index]) * len(index)
         self.history["train"].append(total / n)
         self.stage.module.eval()
         with torch.no_grad():
@@ -405,6 +423,9 @@ def train(
     model = build_model(config.kind, model_config(config.model, parts["train"]) if new else config.model, dataset.hand)
     if finetune is not None:
         model.load_state_dict(finetune.model.state_dict())
+    parts = {name: as_seen(part, model.config) for name, part in parts.items()}
+    if model.config.sensors:
+        parts["validation"] = drawn(parts["validation"], config.sensing)
     stages = _stages(model, config, parts["train"], parts["validation"], new)
     stages = stages if decided else stages[1:]
     least = {} if new else {stage.name: _validation_loss(stage) for stage in stages}
