@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from aminn.data.dataset import load_dataset
-from aminn.data.measured import FALLBACKS, mean_forces, write_measured
+from aminn.data.measured import FALLBACKS, KNOWN_SHARES, mean_forces, write_measured
 from aminn.model.checkpoint import META, load_checkpoint
 from aminn_base.errors import AminnError
 from aminn_base.files import refuse_inputs
 from aminn_hand import Hand
 from aminn_table import Map, TableError, complete, format_of, read_map, read_table, write_table
-from aminn_table.columns import FORCE, LABELLED, MEASURED, ON, Arrays
+from aminn_table.columns import FORCE, LABELLED, MEASURED, ON, SENSORS, Arrays
 
 SHOWN_FAULTS = 30
 Like = tuple[Hand, list[float] | None]
@@ -50,8 +50,9 @@ def run_import(
 ) -> dict:
     """Check tables and bags of pushes and write them as one data set to folder `out`; returns its manifest.
 
-    `echo` gets every fault of a table before the error is raised, and a line for each sensor that something stands in
-    for. Nothing is written where a table has a fault. What was read is written to `table` as well, as one table.
+    `echo` gets every fault of a table before the error is raised, a line for each sensor that something stands in for,
+    and the shares of pushes that tell the optional ones. Nothing is written where a table has a fault. What was read is
+    written to `table` as well, as one table.
     """
     if table:
         format_of(table)
@@ -65,6 +66,7 @@ def run_import(
         write_table(table, of, measured)
     for note in manifest[FALLBACKS]:
         echo(note)
+    echo(f"known of the pushes: {', '.join(f'{name} {share:.0%}' for name, share in manifest[KNOWN_SHARES].items())}")
     return manifest
 
 
@@ -83,7 +85,12 @@ def tell_faults(error: TableError, echo: Callable[[str], object]) -> None:
 
 
 def _together(tables: Sequence[Path], parts: Sequence[Arrays]) -> Arrays:
-    """Tables one after the other. Raises AminnError where they do not tell the same, or share a grasp."""
+    """Tables one after the other; sensors that one does not tell are not known of its pushes.
+
+    Raises AminnError where they do not tell the same else, or share a grasp.
+    """
+    shapes = {name: part[name].shape[1:] for part in parts for name in SENSORS if name in part}
+    parts = [{name: np.zeros((len(part["q"]), *shape)) for name, shape in shapes.items()} | part for part in parts]
     first, holder = parts[0], dict[int, Path]()
     for table, part in zip(tables, parts, strict=True):
         told, wanted = (set(p) & set(MEASURED) for p in (part, first))

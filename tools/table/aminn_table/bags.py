@@ -23,20 +23,24 @@ from rosbags.typesys import Stores, get_typestore
 from aminn_base.errors import AminnError
 from aminn_base.read import AnyPath
 from aminn_hand import Hand
+from aminn_hand.sensors import CLASS_NAMES, FRICTION, TENDON_TENSION, TOOL_WEIGHT
 
 from .checks import Fault, Rows, TableError
-from .columns import FORCE, NORMAL, ON, POINT, column_of, numbers, shapes_of
+from .columns import FORCE, FRICTION_CLASS, KNOWN, NORMAL, ON, POINT, column_of, numbers, shapes_of, tendons_of
 from .files import Raw
 from .mapping import (
     UNIT_QUATERNION,
     UNITS,
     ContactTable,
     Frames,
+    FrictionTable,
     JointsTable,
     LoadTable,
     Map,
     Pose,
+    TensionTable,
     ToolTable,
+    WeightTable,
     matrix,
     product,
     rotation_vector,
@@ -126,6 +130,7 @@ def _streams(path: Path, hand: Hand, by: Map) -> list[_Stream]:
     for branch, contact in by.contacts.items():
         frames.check(contact.frame, f"[contacts.{branch}]")
         found.append(_Stream(f"contact {branch}", contact.topic, _contact_of(contact), None, contact.frame))
+    found += _sensors_of(path, hand, by, frames)
     if by.pushes.topic is not None:
         found.append(_Stream("pushes", by.pushes.topic, _mark_of(by)))
     if by.grasp is not None:
@@ -133,6 +138,28 @@ def _streams(path: Path, hand: Hand, by: Map) -> list[_Stream]:
     elif by.pushes.topic is None or by.pushes.grasp is None:
         raise AminnError(f"{path}: the map says nowhere which grasp a push is of: tell [grasp] or pushes.grasp")
     return found
+
+
+def _sensors_of(path: Path, hand: Hand, by: Map, frames: Frames) -> Iterator[_Stream]:
+    """Those of optional sensors."""
+    if by.friction and by.friction.topic is not None:
+        yield _Stream(FRICTION, by.friction.topic, _friction_of(by.friction))
+    if by.tool_weight:
+        weight = by.tool_weight
+        if weight.palm is not None:
+            yield _Stream(TOOL_WEIGHT, weight.palm, _turn_of, POSE, weight.frame)
+        else:
+            frames.check(weight.frame, f"[{TOOL_WEIGHT}]")
+        if weight.topic is not None:
+            yield _Stream(TOOL_WEIGHT, weight.topic, _weight_of(weight), WRENCH, weight.frame)
+    if by.tendon_tension:
+        names = [t.name for t in tendons_of(hand)]
+        if unknown := sorted({*by.tendon_tension.names, *by.tendon_tension.sign} - set(names)):
+            there = ", ".join(names) or "none"
+            raise AminnError(f"{path}: the map has tendon {unknown[0]}; hand {hand.name} has {there}")
+        if not names:
+            raise AminnError(f"{path}: the map has [{TENDON_TENSION}]; hand {hand.name} has no tendons")
+        yield _Stream(TENDON_TENSION, by.tendon_tension.topic, _tensions_of(hand, by.tendon_tension), JOINT_STATE)
 
 
 # --- messages ---------------------------------------------------------------------------------------------------------
@@ -155,7 +182,10 @@ def _follow(message: Any, path: str) -> Any:
 
 
 def _finite(values: Sequence[float], what: str) -> list[float]:
-    numbers = [float(v) for v in values]
+    try:
+        numbers = [float(v) for v in values]
+    except (TypeError, ValueError):
+        raise _Bad(f"{what} is no number") from None
     if not all(map(math.isfinite, numbers)):
         raise _Bad(f"{what} is NaN or infinite")
     return numbers
@@ -178,33 +208,75 @@ def _whole(value: Any, what: str) -> float:
 
 
 def _joints_of(hand: Hand, table: JointsTable) -> Callable[[Any], list[float]]:
-    names = [table.names.get(joint, joint) for joint in hand.joints]
-    factors = [UNITS[table.unit][1] * table.sign.get(joint, 1) for joint in hand.joints]
+    return _joint_values(hand.joints, table, "position", "joint")
+
+
+def _tensions_of(hand: Hand, table: TensionTable) -> Callable[[Any], list[float]]:
+    return _joint_values([t.name for t in tendons_of(hand)], table, "effort", "tendon")
+
+
+def _joint_values(
+    own: Sequence[str], table: JointsTable | TensionTable, field: str, what: str
+) -> Callable[[Any], list[float]]:
+    """One of a JointState's lists, in the order of the hand's own names."""
+    names = [table.names.get(name, name) for name in own]
+    factors = [UNITS[table.unit][1] * table.sign.get(name, 1) for name in own]
 
     def parse(message: Any) -> list[float]:
-        place = {name: i for i, name in enumerate(message.name)}
+        place, listed = {name: i for i, name in enumerate(message.name)}, getattr(message, field)
         if absent := [name for name in names if name not in place]:
             near = get_close_matches(absent[0], list(place), 1, 0.5)
-            raise _Bad(f"has no joint {absent[0]!r}" + (f"; did you mean {near[0]!r}?" if near else ""))
-        if len(message.position) != len(message.name):
-            raise _Bad(f"has {len(message.position)} positions of {len(message.name)} joints")
-        values = [float(message.position[place[name]]) for name in names]
+            raise _Bad(f"has no {what} {absent[0]!r}" + (f"; did you mean {near[0]!r}?" if near else ""))
+        if len(listed) != len(message.name):
+            raise _Bad(f"has {len(listed)} {field}s of {len(message.name)} {what}s")
+        values = [float(listed[place[name]]) for name in names]
         for name, value in zip(names, values, strict=True):
-            _finite([value], f"position of {name}")
+            _finite([value], f"{field} of {name}")
         return [v * f for v, f in zip(values, factors, strict=True)]
 
     return parse
+
+
+def _friction_of(table: FrictionTable) -> Callable[[Any], list[float]]:
+    """Coefficient, deviation and number of the class; NaN where they are not told."""
+
+    def parse(message: Any) -> list[float]:
+        told, deviation = _follow(message, table.field), math.nan
+        if isinstance(table.deviation, str):
+            deviation = _finite([_follow(message, table.deviation)], table.deviation)[0]
+        elif table.deviation is not None:
+            deviation = table.deviation
+        if not isinstance(told, str):
+            return [*_finite([told], table.field), deviation, math.nan]
+        if told and told not in CLASS_NAMES:
+            raise _Bad(f"{table.field} is {told!r}, expected a number, or {', '.join(CLASS_NAMES)}")
+        return [math.nan, math.nan, CLASS_NAMES.index(told) if told else math.nan]
+
+    return parse
+
+
+def _weight_of(table: WeightTable) -> Callable[[Any], list[float]]:
+    factor = table.sign * UNITS[table.force_unit][1]
+    return lambda message: [factor * v for v in _xyz(message.wrench.force, "force")]
+
+
+def _turn_of(message: Any) -> list[float]:
+    return _unit(message.pose.orientation)
+
+
+def _unit(turn: Any) -> list[float]:
+    q = _finite([turn.x, turn.y, turn.z, turn.w], "orientation")
+    if abs(math.hypot(*q) - 1) > UNIT_QUATERNION:
+        raise _Bad(f"orientation has length {math.hypot(*q):.4g}, expected that of a unit quaternion")
+    return q
 
 
 def _pose_of(table: ToolTable) -> Callable[[Any], list[float]]:
     scale = UNITS[table.unit][1]
 
     def parse(message: Any) -> list[float]:
-        position, turn = message.pose.position, message.pose.orientation
-        q = _finite([turn.x, turn.y, turn.z, turn.w], "orientation")
-        if abs(math.hypot(*q) - 1) > UNIT_QUATERNION:
-            raise _Bad(f"orientation has length {math.hypot(*q):.4g}, expected that of a unit quaternion")
-        return [scale * v for v in _xyz(position, "position")] + q
+        turn = _unit(message.pose.orientation)
+        return [scale * v for v in _xyz(message.pose.position, "position")] + turn
 
     return parse
 
@@ -519,7 +591,10 @@ def _columns(path: Path, hand: Hand, by: Map, streams: dict[str, _Stream], pushe
     raw_contacts = {name: rows(f"contact {name}", pushes.before, _mean_contact) for name in by.contacts}
     grasp = pushes.grasp
     if by.grasp is not None:
-        grasp = _held_values(streams["grasp"], pushes, faults)
+        grasp = _held_values(streams["grasp"], pushes, faults)[:, 0]
+    read = {name: rows(name, pushes.before, mean) for name, mean in SENSOR_MEANS.items() if name in streams}
+    if FRICTION in streams:
+        read[FRICTION] = _held_values(streams[FRICTION], pushes, faults)
     if found := faults.all():
         raise TableError(str(path), found)
     assert by.tool and by.load
@@ -549,6 +624,7 @@ def _columns(path: Path, hand: Hand, by: Map, streams: dict[str, _Stream], pushe
         for name, values in arrays.items()
         for at in np.ndindex(shapes_of(hand)[name])
     }
+    columns |= _sensor_columns(by, hand, frames, read, tools[0], q)
     unknown = [name for name, values in columns.items() if values.dtype.kind == "f" and np.isnan(values).all()]
     told = {name: values for name, values in columns.items() if name not in unknown or name.startswith("dx_ht")}
     return Raw(str(path), told, Rows(f"{pushes.topic} message", pushes.numbers))
@@ -558,8 +634,40 @@ def _held_values(stream: _Stream, pushes: _Pushes, faults: _Faults) -> Array:
     """The last value of a stream at the beginning of each push."""
     at = np.searchsorted(stream.times(), pushes.before, "right") - 1
     for k in np.flatnonzero(at < 0).tolist():
-        faults.add(pushes.topic, int(pushes.numbers[k]), "grasp", f"stands before the first message of {stream.topic}")
-    return np.asarray(stream.table()[np.maximum(at, 0), 0])
+        faults.add(
+            pushes.topic, int(pushes.numbers[k]), stream.name, f"stands before the first message of {stream.topic}"
+        )
+    return np.asarray(stream.table()[np.maximum(at, 0)])
+
+
+def _sensor_columns(
+    by: Map, hand: Hand, frames: Frames, read: dict[str, Array], tool: Pose, q: Array
+) -> dict[str, NDArray]:
+    """Columns of the optional sensors that the map tells."""
+    n, found = len(q), dict[str, NDArray]()
+    if by.friction:
+        value = by.friction.value
+        if by.friction.topic is not None:
+            number, deviation, place = read[FRICTION].T
+            texts = ["" if math.isnan(k) else CLASS_NAMES[int(k)] for k in place.tolist()]
+        else:
+            constant, own = (math.nan, str(value)) if isinstance(value, str) else (value, "")
+            sure = by.friction.deviation if by.friction.deviation is not None and not own else math.nan
+            number, deviation, texts = np.full(n, constant), np.full(n, sure), [own] * n
+        found |= {"friction": number, "friction_sd": deviation, FRICTION_CLASS: np.array(texts, object)}
+    values: dict[str, Array] = {}
+    if by.tool_weight:
+        weight, told = by.tool_weight, read.get(TOOL_WEIGHT)
+        pull = np.tile(np.array(weight.gravity_m_s2) * (weight.mass_kg or 0.0), (n, 1))
+        if weight.palm is not None and told is not None:
+            values[TOOL_WEIGHT] = Pose(np.swapaxes(matrix(told), -1, -2), np.zeros(3)).vector(pull)
+        else:
+            values[TOOL_WEIGHT] = frames.pose(weight.frame, tool, q).vector(pull if told is None else told)
+    if by.tendon_tension:
+        values[TENDON_TENSION] = read[TENDON_TENSION]
+    for name, numbers_of in values.items():
+        found |= {column_of(hand, name, (KNOWN + 1 + i,)).name: v for i, v in enumerate(numbers_of.T)}
+    return found
 
 
 def _mean(values: Array) -> Array:
@@ -568,10 +676,16 @@ def _mean(values: Array) -> Array:
 
 def _mean_pose(values: Array) -> Array:
     """Of positions, and of quaternions, which count the same with either sign."""
-    if len(values) == 1:
-        return values[0]
-    turns = values[:, 3:] * np.where(values[:, 3:] @ values[-1, 3:] < 0, -1.0, 1.0)[:, None]
-    return np.concatenate([values[:, :3].mean(0), turns.mean(0)])
+    return np.concatenate([_mean(values[:, :3]), _mean_turn(values[:, 3:])])
+
+
+def _mean_turn(turns: Array) -> Array:
+    return _mean(turns * np.where(turns @ turns[-1] < 0, -1.0, 1.0)[:, None]) if len(turns) > 1 else turns[0]
+
+
+def _mean_of_weight(values: Array) -> Array:
+    """Of forces (n, 3), or of the turns (n, 4) that lead to them."""
+    return _mean(values) if values.shape[1] == 3 else _mean_turn(values)
 
 
 def _mean_contact(values: Array) -> Array:
@@ -582,6 +696,9 @@ def _mean_contact(values: Array) -> Array:
     if on and len(values) > 1 and length > 0:
         mean[NORMAL] /= length
     return mean
+
+
+SENSOR_MEANS = {TOOL_WEIGHT: _mean_of_weight, TENDON_TENSION: _mean}
 
 
 def _placed(origin: Array, turn: Array, pose: Array) -> tuple[Array, Array]:

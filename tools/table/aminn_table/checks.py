@@ -11,8 +11,23 @@ from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError
 from aminn_hand import Hand
+from aminn_hand.sensors import FRICTION, TENDON_TENSION, TOOL_WEIGHT
 
-from .columns import DTYPES, FORCE, MEASURED, NORMAL, ON, POINT, Arrays, column_of, numbers, shapes_of
+from .columns import (
+    DTYPES,
+    FORCE,
+    KNOWN,
+    MEASURED,
+    NORMAL,
+    ON,
+    POINT,
+    SENSORS,
+    Arrays,
+    column_of,
+    numbers,
+    shapes_of,
+    tendons_of,
+)
 
 Mask = NDArray[np.bool_]
 Array = NDArray[np.float64]
@@ -42,6 +57,14 @@ LONGEST_WAIT_S = 3600.0
 """Between pushes of one grasp; a longer one is a jump of the clock."""
 PAUSE_S = 0.5
 """Opening and closing a hand takes longer."""
+LARGEST_FRICTION = 5.0
+"""No skin has more; larger numbers are percent."""
+LARGEST_WEIGHT_N, LEAST_WEIGHT_N = 50.0, 0.1
+"""No fingertips hold more; a file in which no tool has more is in kilograms."""
+CARRIED = 3.0
+"""Contacts carry no more than so many times the sum of their normal forces."""
+OVER_TENSION = 2.0
+"""A tendon pulls with no more than so many times the greatest tension of its description."""
 
 
 @dataclass(frozen=True)
@@ -143,6 +166,8 @@ def _missing_numbers(hand: Hand, arrays: Arrays, rows: Rows) -> Iterator[Fault]:
                 bad &= ~(np.isnan(values) & (arrays["contacts"][:, at[0], ON] == 0))
             if name == "dx_ht" and "stable" in arrays:
                 bad &= ~(np.isnan(arrays["dx_ht"]).all(1) & (arrays["stable"] == 0))
+            if name in SENSORS and at != (KNOWN,):
+                bad &= arrays[name][:, KNOWN] != 0
             yield from rows.fault(
                 column,
                 bad,
@@ -151,15 +176,21 @@ def _missing_numbers(hand: Hand, arrays: Arrays, rows: Rows) -> Iterator[Fault]:
 
 
 def _flags(hand: Hand, arrays: Arrays, rows: Rows) -> Iterator[Fault]:
-    for column, at, values in _numbers(hand, arrays, ("contacts", "stable")):
-        if at == () or at[1] == ON:
-            bad = ~np.isin(values, (0, 1)) & np.isfinite(values)
-            yield from rows.fault(column, bad, lambda i, v=values: f"is {v[i]:g}, expected 0 or 1")  # type: ignore[misc]
+    names = ("contacts", "stable", *SENSORS)
+    for column, _, values in (
+        found
+        for name in names
+        for found in _numbers(hand, arrays, [name])
+        if column_of(hand, name, found[1]).unit == "flag"
+    ):
+        bad = ~np.isin(values, (0, 1)) & np.isfinite(values)
+        yield from rows.fault(column, bad, lambda i, v=values: f"is {v[i]:g}, expected 0 or 1")  # type: ignore[misc]
 
 
 def _above(rows: Rows, column: str, values: Array, most: float, unit: str, hint: str) -> Iterator[Fault]:
+    unit = f" {unit}".rstrip()
     yield from rows.fault(
-        column, np.abs(values) > most, lambda i: f"is {values[i]:.6g} {unit}: more than {most:.3g} {unit}; {hint}"
+        column, np.abs(values) > most, lambda i: f"is {values[i]:.6g}{unit}: more than {most:.3g}{unit}; {hint}"
     )
 
 
@@ -350,13 +381,78 @@ def _theta(hand: Hand, arrays: Arrays, rows: Rows) -> Iterator[Fault]:
         yield from _above(rows, column, values, most, "" if unit == "1" else unit, hint)
 
 
-LOOKS = (_times, _angles, _pose, _load, _motion, _contacts, _twice, _theta)
+def _friction(hand: Hand, arrays: Arrays, rows: Rows) -> Iterator[Fault]:
+    if FRICTION not in arrays:
+        return
+    known, value, deviation = arrays[FRICTION].T
+    value, deviation = np.where(known, value, 1.0), np.where(known, deviation, 0.0)
+    yield from rows.fault(
+        "friction",
+        value <= 0,
+        lambda i: f"is {value[i]:.4g}, expected more than 0; leave it empty where nothing is known",
+    )
+    yield from _above(rows, "friction", np.maximum(value, 0), LARGEST_FRICTION, "", "is this percent?")
+    yield from rows.fault("friction_sd", deviation < 0, lambda i: f"is {deviation[i]:.4g}, expected 0 or more")
+    yield from rows.fault(
+        "friction_sd",
+        (value > 0) & (deviation > value),
+        lambda i: f"is {deviation[i]:.4g}, more than friction itself, {value[i]:.4g}: is this percent?",
+    )
+
+
+def _weight(hand: Hand, arrays: Arrays, rows: Rows) -> Iterator[Fault]:
+    if TOOL_WEIGHT not in arrays:
+        return
+    known = arrays[TOOL_WEIGHT][:, KNOWN] > 0
+    weight, hint = np.where(known[:, None], arrays[TOOL_WEIGHT], 0.0), "are these grams or millinewtons?"
+    heavy = list[Fault]()
+    for column, at, _ in _numbers(hand, arrays, [TOOL_WEIGHT]):
+        heavy += _above(rows, column, weight[:, at[0]], LARGEST_WEIGHT_N, "N", hint) if at != (KNOWN,) else ()
+    yield from heavy
+    size = np.linalg.norm(weight[:, KNOWN + 1 :], axis=1)
+    force = arrays["contacts"][..., FORCE] if "contacts" in arrays else np.full((len(size), 1), math.nan)
+    if not heavy and not np.isnan(force).all(0).any():
+        force = np.where(arrays["contacts"][..., ON] > 0, force, 0.0).sum(1)
+        yield from rows.fault(
+            "tool_weight_x, y, z",
+            size > CARRIED * force,
+            lambda i: f"is {size[i]:.4g} N, more than contacts of {force[i]:.4g} N carry: {hint}",
+        )
+    if known.sum() >= FEWEST and size.max() < LEAST_WEIGHT_N:
+        yield Fault(
+            "tool_weight_x, y, z",
+            f"is at most {size.max():.3g} N in all {known.sum()} rows that tell it: are these kilograms? Leave it "
+            "out where tools have less than 10 g",
+        )
+
+
+def _tension(hand: Hand, arrays: Arrays, rows: Rows) -> Iterator[Fault]:
+    if TENDON_TENSION not in arrays:
+        return
+    known = arrays[TENDON_TENSION][:, KNOWN] > 0
+    for i, tendon in enumerate(tendons_of(hand)):
+        at = (KNOWN + 1 + i,)
+        column = column_of(hand, TENDON_TENSION, at).name
+        values = np.where(known, numbers(arrays[TENDON_TENSION], at), 0.0)
+        if tendon.pull_only:
+            yield from rows.fault(
+                column,
+                values < 0,
+                lambda i, v=values: f"is {v[i]:.4g} N: a tendon pulls, its tension is 0 or more",  # type: ignore[misc]
+            )
+        most = max(LARGEST_FORCE_N, OVER_TENSION * tendon.max_tension_N)
+        pull = np.maximum(values, 0) if tendon.pull_only else values
+        yield from _above(rows, column, pull, most, "N", "are these grams or millinewtons?")
+
+
+LOOKS = (_times, _angles, _pose, _load, _motion, _contacts, _twice, _theta, _friction, _weight, _tension)
 
 
 def settled(arrays: Arrays) -> Arrays:
     """Checked arrays in the form that everything else takes: normals exactly of unit length, whole turns left out.
 
-    What is not told of a finger that does not touch is 0, and so is the motion of a push that did not hold.
+    What is not told of a finger that does not touch is 0, and so is the motion of a push that did not hold, and what a
+    sensor says that is not known.
     """
     out: Arrays = {name: np.array(values, DTYPES.get(name, np.float64)) for name, values in arrays.items()}
     if "contacts" in out:
@@ -373,6 +469,9 @@ def settled(arrays: Arrays) -> Arrays:
             out[name][:, 3:] = _least_turn(out[name][:, 3:])
     if "dx_ht" in out:
         out["dx_ht"][np.isnan(out["dx_ht"]).all(1)] = 0.0
+    for name in SENSORS:
+        if name in out:
+            out[name][out[name][:, KNOWN] == 0] = 0.0
     return out
 
 

@@ -12,8 +12,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from aminn_hand import Hand
+from aminn_hand import Hand, Tendon
 from aminn_hand.hand import N_CONTACT_FEATURE, N_WRENCH, STATE
+from aminn_hand.sensors import CLASS_NAMES, FRICTION, TENDON_TENSION, TOOL_WEIGHT, UNITS
 from aminn_hand.theta import Theta
 
 Arrays = dict[str, NDArray]
@@ -24,8 +25,14 @@ PUSH = (*STATE, "dx_ht")
 """What a calibration needs."""
 LABELLED = (*PUSH, "grasp_id")
 """What a data set needs."""
-MEASURED = ("time_s", "grasp_id", "q", "x_ht", "w_e", "contacts", "dx_ht", "stable", "theta")
+SENSORS = tuple(UNITS)
+"""Arrays of what need not be known; those of a hand are in its `Dims.sensors`."""
+MEASURED = ("time_s", "grasp_id", "q", "x_ht", "w_e", "contacts", "dx_ht", "stable", "theta", *SENSORS)
 """Arrays that a lab gives."""
+FRICTION_CLASS = "friction_class"
+"""Texts that a table may have in place of friction; `read_table` gives friction."""
+DEFAULT_DEVIATION = 0.1
+"""Of friction whose standard deviation is not told, in parts of it."""
 RESULTS = ("p_stable", "holds", "pred_dx_ht", "notes", "status")
 """Arrays that predictions add."""
 
@@ -70,8 +77,8 @@ class Group:
         )
 
 
-def _one(name: str) -> Callable[[Hand], Iterator[tuple[str, Place]]]:
-    return lambda hand: iter([(name, ())])
+def _one(name: str, at: Place = ()) -> Callable[[Hand], Iterator[tuple[str, Place]]]:
+    return lambda hand: iter([(name, at)])
 
 
 def _part(start: str, parts: str, first: int) -> Callable[[Hand], Iterator[tuple[str, Place]]]:
@@ -86,6 +93,31 @@ def _contact(parts: str, first: int) -> Callable[[Hand], Iterator[tuple[str, Pla
     )
 
 
+def _tensions(hand: Hand) -> Iterator[tuple[str, Place]]:
+    return ((f"{TENDON_TENSION}_{t.name}", (1 + i,)) for i, t in enumerate(tendons_of(hand)))
+
+
+def _known(name: str) -> Group:
+    """The first number of a sensor's array."""
+    return Group(
+        f"{name}_known",
+        name,
+        "flag",
+        "",
+        "1: the row tells it; 0: whatever it tells is not known",
+        "optional",
+        lambda hand: iter([(f"{name}_known", (KNOWN,))] if name in hand.dims.sensors else ()),
+        "1 where the row tells it",
+    )
+
+
+def tendons_of(hand: Hand) -> tuple[Tendon, ...]:
+    """All tendons of a hand, in their order."""
+    return tuple(tendon for branch in hand.branches for tendon in branch.tendons)
+
+
+KNOWN = 0
+"""Where a sensor's array says whether it is known."""
 ON, FORCE = 0, 7
 POINT, NORMAL = slice(1, 4), slice(4, 7)
 """Where the features of a contact stand."""
@@ -232,6 +264,57 @@ GROUPS = (
         lambda hand: ((f"theta_{name}", (i,)) for i, name in enumerate(Theta(hand).names)),
         "nominal",
     ),
+    Group(
+        "friction",
+        FRICTION,
+        UNITS[FRICTION],
+        "",
+        "friction between fingertips and tool: greatest tangential over normal force of a contact; more than 0",
+        "optional",
+        _one("friction", (1,)),
+        "not known",
+    ),
+    Group(
+        "friction_sd",
+        FRICTION,
+        UNITS[FRICTION],
+        "",
+        "its standard deviation, 0 or more; 0: exact",
+        "optional",
+        _one("friction_sd", (2,)),
+        f"{DEFAULT_DEVIATION:.0%} of friction",
+    ),
+    Group(
+        FRICTION_CLASS,
+        FRICTION_CLASS,
+        "text",
+        "",
+        f"in place of friction, where no more is known: {', '.join(CLASS_NAMES)}",
+        "optional",
+        _one(FRICTION_CLASS),
+        "not known",
+    ),
+    Group(
+        "tool_weight_x, y, z",
+        TOOL_WEIGHT,
+        UNITS[TOOL_WEIGHT],
+        PALM,
+        "force of gravity on the tool before the push; points down",
+        "optional",
+        _part("tool_weight", "x y z", 1),
+        "not known",
+    ),
+    Group(
+        "tendon_tension_TENDON",
+        TENDON_TENSION,
+        UNITS[TENDON_TENSION],
+        "",
+        "tension of each tendon before the push; 0: slack",
+        "optional",
+        _tensions,
+        "not known",
+    ),
+    *(_known(name) for name in SENSORS),
     Group("p_stable", "p_stable", "1", "", "predicted: probability that the grasp holds", "results", _one("p_stable")),
     Group("holds", "holds", "flag", "", "predicted: p_stable reaches the model's threshold", "results", _one("holds")),
     Group(
@@ -291,6 +374,8 @@ def shapes_of(hand: Hand) -> dict[str, tuple[int, ...]]:
         "dx_ht": (N_WRENCH,),
         "stable": (),
         "theta": (len(Theta(hand)),),
+        **hand.dims.sensors,
+        FRICTION_CLASS: (),
         "p_stable": (),
         "holds": (),
         "pred_dx_ht": (N_WRENCH,),
@@ -299,7 +384,7 @@ def shapes_of(hand: Hand) -> dict[str, tuple[int, ...]]:
     }
 
 
-_KINDS = {"grasp_id": "i8", "stable": "u1", "holds": "u1", "notes": "O", "status": "i8"}
+_KINDS = {"grasp_id": "i8", "stable": "u1", "holds": "u1", "notes": "O", "status": "i8", FRICTION_CLASS: "O"}
 DTYPES = {name: np.dtype(kind) for name, kind in _KINDS.items()}
 """Of arrays that are not float64."""
 

@@ -18,6 +18,7 @@ from aminn_base.errors import AminnError
 from aminn_base.read import AnyPath, complaint, read_toml
 from aminn_hand import Hand
 from aminn_hand.hand import rotation
+from aminn_hand.sensors import TOOL_WEIGHT
 
 from .columns import NORMAL, PALM, POINT, Arrays
 
@@ -25,12 +26,15 @@ Array = NDArray[np.float64]
 Vector3 = Annotated[tuple[float, float, float], Field()]
 Quaternion = Annotated[tuple[float, float, float, float], Field()]
 Sign = Literal[1, -1]
+STANDARD_GRAVITY_M_S2 = 9.80665
 UNITS = {
     "s": ("s", 1.0), "ms": ("s", 1e-3), "us": ("s", 1e-6), "ns": ("s", 1e-9),
     "m": ("m", 1.0), "cm": ("m", 1e-2), "mm": ("m", 1e-3),
     "rad": ("rad", 1.0), "deg": ("rad", math.pi / 180),
-    "N": ("N", 1.0), "mN": ("N", 1e-3), "kN": ("N", 1e3), "gf": ("N", 9.80665e-3),
+    "N": ("N", 1.0), "mN": ("N", 1e-3), "kN": ("N", 1e3), "gf": ("N", 1e-3 * STANDARD_GRAVITY_M_S2),
+    "kgf": ("N", STANDARD_GRAVITY_M_S2),
     "N.m": ("N.m", 1.0), "N.mm": ("N.m", 1e-3), "mN.m": ("N.m", 1e-3),
+    "%": ("1", 1e-2),
 }  # fmt: skip
 """Unit that may be told -> unit of the table, and what to multiply by."""
 PALM_NAMES = (PALM, "palm")
@@ -40,7 +44,7 @@ UNIT_QUATERNION = 1e-3
 
 LengthUnit = Literal["m", "cm", "mm"]
 AngleUnit = Literal["rad", "deg"]
-ForceUnit = Literal["N", "mN", "kN", "gf"]
+ForceUnit = Literal["N", "mN", "kN", "gf", "kgf"]
 MomentUnit = Literal["N.m", "N.mm", "mN.m"]
 
 
@@ -128,6 +132,45 @@ class ContactTable(_Table):
     force_unit: ForceUnit = "N"
 
 
+class FrictionTable(_Table):
+    """Friction between fingertips and tool: one for the whole bag, or from a topic whose last message holds."""
+
+    value: PositiveFloat | str | None = None
+    """The coefficient, or a class."""
+    topic: str | None = None
+    field: str = "data"
+    """Field with the coefficient, or with a class; an empty text says that nothing is known."""
+    deviation: NonNegativeFloat | str | None = None
+    """Standard deviation of the coefficient, or the message's field that tells it; default: a share of it."""
+
+
+class WeightTable(_Table):
+    """Force of gravity on the tool: geometry_msgs/msg/WrenchStamped, or a mass in a field of gravity that is known."""
+
+    topic: str | None = None
+    force_unit: ForceUnit = "N"
+    sign: Sign = 1
+    """-1: the sensor tells what holds the tool up."""
+    frame: str = "palm"
+    """The message's frame_id; or the frame in which gravity is stated."""
+    mass_kg: PositiveFloat | None = None
+    gravity_m_s2: Vector3 = (0.0, 0.0, -STANDARD_GRAVITY_M_S2)
+    palm: str | None = None
+    """Topic of the palm's own pose in the frame in which gravity is stated: geometry_msgs/msg/PoseStamped, whose
+    frame_id is `frame`. Without it that frame is the palm's, or one of [frames]."""
+
+
+class TensionTable(_Table):
+    """Tensions of tendons: efforts of sensor_msgs/msg/JointState."""
+
+    topic: str
+    names: dict[str, str] = {}
+    """Tendon of the hand -> name in the message; default: the same."""
+    unit: ForceUnit = "N"
+    sign: dict[str, Sign] = {}
+    """Of tendons whose pull the message counts as negative."""
+
+
 class GraspTable(_Table):
     """Which grasp it is, from a topic whose last message holds."""
 
@@ -182,6 +225,9 @@ class Map(_Table):
     load: LoadTable | None = None
     contacts: dict[str, ContactTable] = {}
     """By branch."""
+    friction: FrictionTable | None = None
+    tool_weight: WeightTable | None = None
+    tendon_tension: TensionTable | None = None
     grasp: GraspTable | None = None
     pushes: PushesTable = PushesTable()
     clock: ClockTable = ClockTable()
@@ -200,6 +246,11 @@ def read_map(path: AnyPath) -> Map:
         if frame.quaternion_xyzw and abs(math.hypot(*frame.quaternion_xyzw) - 1) > UNIT_QUATERNION:
             length = math.hypot(*frame.quaternion_xyzw)
             raise AminnError(f"{path}: frames.{name}.quaternion_xyzw has length {length:.4g}, expected 1")
+    for name, sensor, other in (("friction", found.friction, "value"), ("tool_weight", found.tool_weight, "mass_kg")):
+        if sensor is not None and (sensor.topic is None) == (getattr(sensor, other) is None):
+            raise AminnError(f"{path}: {name}: tell topic or {other}, one of them")
+    if found.friction and found.friction.topic is None and isinstance(found.friction.deviation, str):
+        raise AminnError(f"{path}: friction.deviation names a field, and there is no topic; tell a number")
     for column, source in found.columns.items():
         if isinstance(source, ColumnTable) and source.unit is not None and source.unit not in UNITS:
             raise AminnError(f"{path}: columns.{column}.unit is {source.unit!r}; there are {', '.join(UNITS)}")
@@ -293,8 +344,8 @@ def in_palm(frames: Frames, arrays: Arrays, told: dict[str, str]) -> Arrays:
     Moments stay about the origin of the tool's frame.
     """
     out = dict(arrays)
-    names = [name for name in ("x_ht", "w_e", "contacts", "dx_ht") if name in arrays and (name in told or "" in told)]
-    for name in names:
+    names = ("x_ht", "w_e", "contacts", "dx_ht", TOOL_WEIGHT)
+    for name in (name for name in names if name in arrays and (name in told or "" in told)):
         frame = told.get(name, told.get("", ""))
         frames.check(frame, name)
         values = np.array(out[name], float)
@@ -312,6 +363,8 @@ def in_palm(frames: Frames, arrays: Arrays, told: dict[str, str]) -> Arrays:
                         pose.point(values[:, b, POINT]),
                         pose.vector(values[:, b, NORMAL]),
                     )
+            elif name == TOOL_WEIGHT:
+                values = np.concatenate([values[:, :1], pose.vector(values[:, 1:])], 1)
             else:
                 values = np.concatenate([pose.vector(values[:, :3]), pose.vector(values[:, 3:])], 1)
         out[name] = values

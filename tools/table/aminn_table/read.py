@@ -17,9 +17,10 @@ from aminn_hand import Hand
 
 from .bags import is_bag, read_bag
 from .checks import Fault, Rows, TableError, check, settled
-from .columns import GROUPS, ON, STATE, Arrays, Column, Place, columns_of, shapes_of
+from .columns import GROUPS, KNOWN, ON, SENSORS, STATE, Arrays, Column, Place, columns_of, shapes_of
 from .files import FRAME, Raw, read_raw
 from .mapping import PALM_NAMES, UNITS, ColumnTable, Frames, Map, in_palm
+from .sensing import with_sensors
 
 
 def read_table(path: AnyPath, hand: Hand, need: Sequence[str] = STATE, by: Map | None = None) -> Arrays:
@@ -47,7 +48,7 @@ class Rough:
     """(n) rows in which a number of the state is missing."""
     rows: Rows
     faults: tuple[Fault, ...]
-    """What is wrong with states and theta: of bad rows, and of others that are hard to believe."""
+    """What is wrong with states, theta and sensors: of bad rows, and of others that are hard to believe."""
 
 
 def read_rough(table: AnyPath | Raw, hand: Hand, by: Map | None = None) -> Rough:
@@ -61,10 +62,12 @@ def read_rough(table: AnyPath | Raw, hand: Hand, by: Map | None = None) -> Rough
     if whole := [fault for fault in faults if fault.row is None]:
         raise TableError(raw.source, whole)
     looked_at = {name: arrays[name] for name in (*STATE, "theta") if name in arrays}
+    for name in (name for name in SENSORS if name in arrays):  # what contradicts itself is a fault already
+        looked_at[name] = np.where(np.isnan(arrays[name][:, [KNOWN]]), 0.0, arrays[name])
     contacts = looked_at["contacts"]
     missing = np.isnan(contacts) & ~np.isnan(contacts).all(0)
     bad = missing[..., ON].any(1) | (missing & (contacts[..., ON:1] != 0)).any((1, 2))
-    for name in looked_at.keys() - {"contacts"}:
+    for name in looked_at.keys() - {"contacts", *SENSORS}:
         bad |= ~np.isfinite(looked_at[name]).all(1)
     faults += check(hand, looked_at, raw.rows)
     if bad.any() and not bad.all():  # of a table with gaps these alone were looked for
@@ -108,7 +111,7 @@ def assemble(raw: Raw, hand: Hand, need: Sequence[str], by: Map) -> Arrays:
 
 def _gathered(raw: Raw, hand: Hand, need: Sequence[str], by: Map) -> tuple[Arrays, list[Fault]]:
     """Arrays of named columns, and which cells are no numbers. Raises TableError for columns that cannot be."""
-    columns = _by_names(raw, hand, by.ignore)
+    columns = _told(hand, need, _by_names(raw, hand, by.ignore))
     faults = [*raw.strange, *_frames(raw, by), *_names(raw, hand, need, columns)]
     n = len(raw.rows.numbers)
     if not n and not faults:
@@ -123,8 +126,9 @@ def _gathered(raw: Raw, hand: Hand, need: Sequence[str], by: Map) -> tuple[Array
             parts.setdefault(column.array, {})[column.at] = values * factor if factor != 1 else values
             faults += wrong
     shapes = shapes_of(hand)
-    arrays = {name: _joined(shapes[name], found, n) for name, found in parts.items()}
-    return in_palm(Frames(hand, by.frames), arrays, _told_frames(raw)), faults
+    cells = {name: _joined(shapes[name], found, n) for name, found in parts.items()}
+    arrays, strange = with_sensors(hand, cells, raw.rows)
+    return in_palm(Frames(hand, by.frames), arrays, _told_frames(raw)), faults + strange
 
 
 def _joined(shape: Place, parts: dict[Place, NDArray], n: int) -> NDArray:
@@ -140,6 +144,22 @@ def _by_names(raw: Raw, hand: Hand, ignore: Sequence[str]) -> dict[str, NDArray]
     placed = {f"{c.array}[{', '.join(map(str, c.at))}]": c.name for c in columns_of(hand) if c.at}
     named = {placed.get(name, name): values for name, values in raw.columns.items()}
     return {name: v for name, v in named.items() if not any(fnmatchcase(name, pattern) for pattern in ignore)}
+
+
+def _told(hand: Hand, need: Sequence[str], found: dict[str, NDArray]) -> dict[str, NDArray]:
+    """Columns but those of groups that nobody needs and that are empty in every row."""
+    out = dict(found)
+    for group in GROUPS:
+        own = [c.name for c in group.columns(hand) if c.name in found]
+        if group.array not in need and len(own) == len(group.columns(hand)) and all(_empty(found[n]) for n in own):
+            out = {name: values for name, values in out.items() if name not in own}
+    return out
+
+
+def _empty(values: NDArray) -> bool:
+    if values.dtype.kind == "f":
+        return bool(np.isnan(values).all())
+    return values.dtype.kind == "O" and not any(str("" if v is None else v).strip() for v in values)
 
 
 def _told_frames(raw: Raw) -> dict[str, str]:

@@ -18,7 +18,7 @@ from aminn_base.files import finite, write_atomically
 from aminn_base.read import AnyPath
 from aminn_hand import Hand
 
-from .columns import DTYPES, PALM, RESULTS, Arrays, column_of, columns_of, numbers, shapes_of
+from .columns import DTYPES, KNOWN, PALM, RESULTS, SENSORS, Arrays, column_of, columns_of, numbers, shapes_of
 from .files import FRAME, format_of
 
 
@@ -40,6 +40,9 @@ def write_table(path: AnyPath, hand: Hand, arrays: Arrays) -> None:
 
 def _columns(hand: Hand, arrays: Arrays) -> dict[str, NDArray]:
     found = {c: numbers(arrays[c.array], c.at) for c in columns_of(hand) if c.array in arrays}
+    for c in [c for c in found if c.array in SENSORS]:  # that a cell is empty says as much as the flag
+        unknown = arrays[c.array][:, KNOWN] == 0
+        found[c] = np.where(unknown | (c.at == (KNOWN,)), np.nan, found[c])
     return {
         c.name: v
         for c, v in found.items()

@@ -27,6 +27,8 @@ from .dataset import MEASURED, ORIGIN, SCHEMA_VERSION, read_manifest
 SHARD = "shard-00000.h5"
 FALLBACKS = "fallbacks"
 """Key of the manifest: what stood in for sensors that were missing."""
+KNOWN_SHARES = "known"
+"""Key of the manifest: share of the pushes that tell each optional sensor of the hand."""
 CORRECTED = "joint angles and contacts are made right by the joint zeros and radius that theta tells"
 
 
@@ -34,8 +36,8 @@ def write_measured(out: Path, hand: Hand, arrays: Mapping[str, NDArray], fallbac
     """Write the data set of checked arrays, with a row a push and no gaps, to folder `out`; returns its manifest.
 
     Needs q, x_ht, w_e, contacts, dx_ht and grasp_id; `stable` is 1 where it is not told. Rows keep their order, time_s
-    and sensors (`Dims.sensors`) are kept; theta, where it is told, is one of each grasp. Its joint zeros and radius
-    make states right, and are 0 in the data set. A folder that holds another data set is refused.
+    is kept, and so are sensors that a row tells; theta, where it is told, is one of each grasp. Its joint zeros and
+    radius make states right, and are 0 in the data set. A folder that holds another data set is refused.
     """
     rows, n = {name: np.asarray(values) for name, values in arrays.items()}, len(arrays["grasp_id"])
     factors = Theta(hand).factors
@@ -47,9 +49,10 @@ def write_measured(out: Path, hand: Hand, arrays: Mapping[str, NDArray], fallbac
     samples["j_x"], samples["j_q"] = closure(hand, samples["q"], samples["x_ht"], samples["contacts"])
     samples["grasp_id"] = rows["grasp_id"].astype(np.int64)
     samples["stable"] = rows.get("stable", np.ones(n)).astype(np.uint8)
-    samples |= {name: rows[name].astype(np.float64) for name in hand.dims.sensors if name in rows}
     if "time_s" in rows:
         samples["time_s"] = rows["time_s"].astype(np.float64)
+    shares = {name: float(np.mean(rows[name][:, 0])) if name in rows else 0.0 for name in hand.dims.sensors}
+    samples |= {name: rows[name].astype(np.float64) for name, share in shares.items() if share}
     ids, first = np.unique(samples["grasp_id"], return_index=True)
     grasps: dict[str, NDArray] = {"grasp_id": ids}
     theta = {"theta_names": list(Theta(hand).names)} if "theta" in rows else {}
@@ -68,6 +71,7 @@ def write_measured(out: Path, hand: Hand, arrays: Mapping[str, NDArray], fallbac
         "tool_families": [],
         "hand": hand.as_dict(),
         FALLBACKS: list(fallbacks),
+        KNOWN_SHARES: shares,
         **theta,
     }
     with locked_folder(out):
