@@ -11,7 +11,7 @@ import pytest
 
 from aminn.data.dataset import Dataset, load_dataset
 from aminn.data.regimes import FRICTION_MAX, NEW_FAMILY, regimes
-from aminn.model.config import TrainConfig
+from aminn.model.config import ModelConfig, TrainConfig
 from aminn.training.train import train
 from aminn_app import study
 from aminn_app.paper_table import TABLES, aims_report, filled, further_aims, main_aims, write_tables
@@ -88,8 +88,9 @@ def test_study_gathers_mean_and_spread_over_runs() -> None:
 
 def test_a_study_writes_its_table_and_goes_on(data_dir: Path, tmp_path: Path, monkeypatch) -> None:
     """Two seeds of two models, and a share of the data: all tables are there, and nothing is trained twice."""
-    jobs = [study.Job(k, TrainConfig(kind=k, epochs=1, seed=s)) for s in (0, 1) for k in ("aminn", "mlp")]
-    jobs += [study.Job(k, TrainConfig(kind=k, epochs=1, train_fraction=0.3)) for k in ("aminn", "mlp")]
+    short = TrainConfig(epochs=1, model=ModelConfig(sensors=None))
+    jobs = [study.Job(k, replace(short, kind=k, seed=s)) for s in (0, 1) for k in ("aminn", "mlp")]
+    jobs += [study.Job(k, replace(short, kind=k, train_fraction=0.3)) for k in ("aminn", "mlp")]
     data = load_dataset(data_dir)
     done = {job: study._run("paper", job, tmp_path, data_dir, 0) for job in jobs}
     found = study.summarise("paper", done, study._facts(data), study._still(data))
@@ -109,6 +110,10 @@ def test_a_study_writes_its_table_and_goes_on(data_dir: Path, tmp_path: Path, mo
     assert report["iid_aminn_to_mlp_rmse_pose_all_mean"] == pytest.approx(np.mean(ratio))
     errors = [done[job].figures["iid"][""][""]["rmse_pose_all"] for job in jobs[:2]]
     assert ratio[0] == pytest.approx(errors[0] / errors[1], rel=1e-6)
+    assert report["iid_aminn_friction_weight_auroc_mean"] != report["iid_aminn_auroc_mean"]
+    for key in ("class_weight_noise1_f1_mean", "noise2_f1_mean", "friction_weight_gate_auroc_mean"):
+        assert 0 <= report[f"iid_aminn_{key}"] <= 1
+    assert report["new_family_aminn_to_mlp_friction_weight_rmse_pose_all_low"] > 0
     monkeypatch.setattr(study, "train", None)
     again = {job: study._run("paper", job, tmp_path, data_dir, 0) for job in jobs}
     assert all(again[job].figures == done[job].figures for job in jobs)
@@ -124,6 +129,12 @@ def test_figures_without_their_draws_are_taken_again(data_dir: Path, tmp_path: P
     first = study._run("paper", job, tmp_path, data_dir, 0)
     (tmp_path / "figures" / f"{job.name}.npz").unlink()
     assert study._run("paper", job, tmp_path, data_dir, 0).draws.keys() == first.draws.keys()
+
+
+def test_a_model_without_sensors_is_told_nothing(data_dir: Path, tmp_path: Path) -> None:
+    blind = TrainConfig(kind="mlp", epochs=1, model=ModelConfig(sensors=False))
+    found = study._run("paper", study.Job("mlp", blind), tmp_path, data_dir, 0)
+    assert {test: list(by) for test, by in found.figures.items()} == {test: [""] for test in study.REGIMES}
 
 
 def study_of(**figures: float) -> Study:

@@ -94,6 +94,7 @@ COLUMNS = {
     "passed": ("rmse_pose", "{:.4f}"),
 }
 LEARNING = ("F1", "all stable", "slid", "relative, median", "p90")
+ABLATION_TOLD = ("F1", "all stable", "slid")
 ABLATION = ("F1", "all stable", "stuck", "slid", "relative, median", "p90", "passed")
 
 
@@ -437,15 +438,20 @@ def noise(study: Study) -> str:
 
 
 def ablation(study: Study) -> str:
-    """Every variant, on validation grasps."""
+    """Every variant, on validation grasps: with nothing told, and with friction and weight."""
     columns = {**{c: COLUMNS[c] for c in ABLATION}, "gates, AUROC": ("gate_auroc", "{:.3f}")}
-    names = {row.model: row for row in study.rows if row.test == "iid" and row.seeds and not row.part}
-    order = sorted(names, key=lambda name: (name != "shipped", name.startswith("mlp"), "told" in name, name))
+    told = {f"{c}, told": COLUMNS[c] for c in ABLATION_TOLD}
+    names = {
+        row.model: row for row in study.rows if row.test == "iid" and row.seeds and not row.part and not row.inputs
+    }
+    order = sorted(names, key=lambda name: (name != "shipped", name.startswith("mlp"), name))
     rows = []
     for name in order:
+        with_sensors = study.row("iid", name, inputs="friction_weight")
         cells = [_cell(names[name], *column) for column in columns.values()]
+        cells += [_cell(with_sensors, *column) for column in told.values()]
         rows.append([f"**{name}**" if name == "shipped" else name.replace("_", " "), *cells])
-    return _table(["variant", *columns], rows)
+    return _table(["variant", *columns, *told], rows)
 
 
 TABLES: dict[str, dict[str, Callable[[Study], str]]] = {

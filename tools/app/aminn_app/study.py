@@ -28,11 +28,19 @@ import numpy as np
 
 from aminn.data.dataset import Dataset, load_dataset
 from aminn.data.regimes import REGIMES, SELECTION, known, regimes
-from aminn.evaluation.analysis import breakdown, compliance_figures, gate_figures, noise_figures
+from aminn.data.sensors import PRESETS, sensed
+from aminn.evaluation.analysis import (
+    NOISE_FACTORS,
+    SensorNoise,
+    breakdown,
+    compliance_figures,
+    gate_figures,
+    noise_figures,
+)
 from aminn.evaluation.evaluate import baselines, figures_of, label_figures, learned
 from aminn.evaluation.paired import Resampled, compared, resampled
 from aminn.model.checkpoint import Checkpoint
-from aminn.model.config import TrainConfig
+from aminn.model.config import ModelConfig, SensorDraws, TrainConfig
 from aminn.training.train import LEAST_GRASPS, identity_of, train
 from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically, write_json
@@ -44,7 +52,7 @@ from .records import WHOLE, Facts, Parts, Row, Study, against, over_seeds, sprea
 
 # To be raised with every change of the figures, so that those of kept runs are taken again.
 FIGURES_VERSION = 4
-BASE = TrainConfig()
+BASE = TrainConfig(model=ModelConfig(sensors=None))
 BASELINE = replace(BASE, kind="mlp", weight_decay=0.0)
 """The MLP without weight decay: on validation grasps its RMSE is a sixth less so, AMINN's is not (`make ablation`)."""
 VARIANTS = {"aminn": BASE, "mlp": BASELINE, "mlp_norm": replace(BASELINE, loss=replace(BASE.loss, relative=1e9))}
@@ -54,8 +62,8 @@ FRACTIONS = (0.1, 0.03, 0.3, 0.01)
 """Shares of the training grasps for the learning curve, in the order in which they are trained."""
 PAIRS = (("aminn", "mlp"), ("aminn", "mlp_norm"))
 """Models that are compared grasp by grasp."""
-INPUTS = ("",)
-"""What optional sensors tell the models in an evaluation."""
+INPUTS = {"": "nothing", "class_weight": "class+weight", "friction_weight": "friction+weight"}
+"""What optional sensors tell the models in an evaluation: names of `sensors.PRESETS`."""
 ABLATION_FRACTION = 0.3
 By = dict[str, dict[str, Parts]]
 """Figures by test set and what was told."""
@@ -108,6 +116,10 @@ ABLATIONS: dict[str, TrainConfig] = {
     "heads_blind_to_wrench": _model(heads_see_wrench=False),
     "heads_free": _model(heads="free"),
     "soft_finger": _model(soft_finger=True),
+    "no_sensors": _model(sensors=False),
+    "sensors_always": replace(BASE, sensing=SensorDraws(friction=1.0, weight=1.0, tension=1.0)),
+    "sensors_exact": replace(BASE, sensing=SensorDraws(0.6, 0.0, 0.0, weight_noise_N=0.0, tension_noise=0.0)),
+    "mlp_no_sensors": replace(_model(sensors=False), kind="mlp", weight_decay=0.0),
     "loss_norm": _loss(relative=1e9),
     "loss_square": _loss(relative=1e9, power=2.0),
     "no_engagement": _loss(engagement=0.0),
@@ -190,17 +202,24 @@ def _keep(file: Path, identity: dict, found: Found) -> None:
 def judge(checkpoint: Checkpoint, tests: dict[str, Dataset], study: str) -> Found:
     """All figures of a run: on each test set with each of the inputs; with parts and under noise on new grasps."""
     whole = study == "paper" and checkpoint.meta["identity"]["config"]["train_fraction"] == 1.0
+    several = whole or study == "ablation"
     figures: By = {}
     draws: dict[tuple[str, str], Resampled] = {}
     for test, data in tests.items():
-        for inputs in INPUTS if whole else INPUTS[:1]:
-            prediction = learned(checkpoint, data, checkpoint.model.kind)
-            parts = {"": figures_of(prediction, data) | gate_figures(prediction, data)}
+        for inputs, preset in INPUTS.items():
+            if inputs and not (several and checkpoint.model.config.sensors):
+                continue
+            told = sensed(data, PRESETS[preset])
+            prediction = learned(checkpoint, told, checkpoint.model.kind)
+            parts = {"": figures_of(prediction, told) | gate_figures(prediction, told)}
             if whole:
-                draws[test, inputs] = resampled(prediction, data)
+                draws[test, inputs] = resampled(prediction, told)
             if whole and test == "iid":
-                parts[""] |= compliance_figures(prediction, data)
-                parts |= (breakdown(prediction, data) if not inputs else {}) | noise_figures(checkpoint, data)
+                parts[""] |= compliance_figures(prediction, told)
+                parts |= breakdown(prediction, told) if not inputs else {}
+                for factor in NOISE_FACTORS if not inputs else (1.0,):
+                    noisy = replace(PRESETS[preset], weight_noise_N=factor * SensorNoise().weight_N)
+                    parts |= noise_figures(checkpoint, sensed(data, noisy), [factor])
             figures.setdefault(test, {})[inputs] = parts
     return Found(figures, draws)
 
@@ -209,7 +228,7 @@ def _run(study: str, job: Job, folder: Path, path: Path, position: int) -> Found
     """Train one run and judge it, or read what an earlier call found."""
     data = _data(path)
     part = known(data)
-    identity = identity_of(job.config, part.sha256) | {"figures_version": FIGURES_VERSION, "inputs": list(INPUTS)}
+    identity = identity_of(job.config, part.sha256) | {"figures_version": FIGURES_VERSION, "inputs": INPUTS}
     file = folder / "figures" / f"{job.name}.json"
     kept = _kept(file, identity)
     if kept is not None:

@@ -142,6 +142,8 @@ class SensorNoise:
     """Of each coordinate of a contact point."""
     normal_rad: float = 0.05
     """Of a contact normal's direction."""
+    weight_N: float = 0.05
+    """Of each component of the tool's weight, where it is known (`sensors.Told.weight_noise_N`)."""
 
     def scaled(self, factor: float) -> SensorNoise:
         """Noise `factor` times as large."""
