@@ -221,6 +221,23 @@ def test_a_given_hand_is_simulated_and_varied_around(tmp_path: Path) -> None:
     )
 
 
+def test_a_calibration_of_another_hand_is_refused(tmp_path: Path) -> None:
+    """Their parameters may well have the same names."""
+    file, out = tmp_path / "c.json", tmp_path / "data"
+    theta = {"contact_thumb": -0.125}
+    words = ["--out", str(out), "--grasps", "1", "--cases", "1", "--threads", "2", "--mechanics", str(file)]
+    file.write_text(json.dumps({"theta": theta, "hand": "other", "hand_sha256": "0" * 64}))
+    done = CliRunner().invoke(command, words)
+    assert isinstance(done.exception, AminnError) and not out.exists()
+    assert f"c.json: of hand other, and {HAND.name} is to be simulated" in str(done.exception)
+    file.write_text(json.dumps({"theta": theta, "hand": HAND.name, "hand_sha256": HAND.sha256}))
+    (gripper,) = (hand for hand in shipped_hands() if hand.stem == "gripper")
+    done = CliRunner().invoke(command, [*words, "--hand", str(gripper)])
+    assert f"of hand {HAND.name}, and {open_hand(gripper).hand.name} is to be simulated" in str(done.exception)
+    done = CliRunner().invoke(command, words)
+    assert done.exit_code == 0, done.output
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

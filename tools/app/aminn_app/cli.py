@@ -159,7 +159,7 @@ def simulate(
         settings: dict[str, object] = {"shard_grasps": shard_grasps, "families": families or None}
         given = {name: value for name, value in settings.items() if value is not None}
         given |= simulation_settings(changes) | variation_settings(variations)
-        given |= {"mechanics": read_mechanics(mechanics)} if mechanics else {}
+        given |= {"mechanics": read_mechanics(mechanics, hand)} if mechanics else {}
         manifest = run_simulation(out, grasps, cases, seed, threads, engine, hand, json_file, **given)
         click.echo(f"{manifest['n_samples']} load cases of {manifest['n_grasps']} grasps in {out}")
     if gallery:

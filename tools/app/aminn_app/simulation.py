@@ -69,14 +69,27 @@ def _named_numbers(option: str, texts: Sequence[str], whole: Mapping[str, bool],
     return out
 
 
-def read_mechanics(file: Path) -> dict[str, float]:
-    """Mechanics parameters by name from a JSON file with a table `theta`, as `aminn calibrate` writes it."""
-    theta = read_json(file, "a hand's mechanics parameters").get("theta")
+def read_mechanics(file: Path, hand: Path | None) -> dict[str, float]:
+    """Mechanics parameters by name from a JSON file with a table `theta`, as `aminn calibrate` writes it.
+
+    Raises AminnError where the file says that it is of another hand than the one of the hand file; None: built in.
+    """
+    content = read_json(file, "a hand's mechanics parameters")
+    theta = content.get("theta")
     if not isinstance(theta, dict):
         raise AminnError(f'{file}: expected {{"theta": {{NAME: VALUE}}}}, as aminn calibrate writes it')
     for name, value in theta.items():
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not abs(value) <= sys.float_info.max:
             raise AminnError(f"{file}: theta.{name} is {value!r}, expected a finite number")
+    if "hand_sha256" in content:
+        from aminn_sim.open_hand import open_hand
+
+        simulated = open_hand(hand).hand
+        if content["hand_sha256"] != simulated.sha256:
+            raise AminnError(
+                f"{file}: of hand {content.get('hand', 'unknown')}, and {simulated.name} is to be simulated (the "
+                "descriptions differ); give its hand file with --hand, or calibrate this hand"
+            )
     return theta
 
 
