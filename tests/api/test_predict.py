@@ -384,6 +384,24 @@ def test_bad_rows_are_told_and_counted(
     assert len(rows) == len(x["q"])
 
 
+def test_no_prediction_at_all_is_a_failure(
+    export_dir: Path, models: dict[str, Predictor], x: Arrays, tmp_path: Path
+) -> None:
+    """What was predicted of no row is written all the same."""
+    bad = {name: values[:3].copy() for name, values in x.items()}
+    bad["contacts"][:, :, 0] = 0
+    write_table(tmp_path / "states.csv", models["runtime"].hand, bad)
+    for out in ([], ["--out", tmp_path / "out.jsonl"]):
+        result = call("--export", export_dir, tmp_path / "states.csv", *out)
+        assert result.exit_code == 1 and "Traceback" not in result.output
+        assert "states.csv: none of 3 rows can be predicted from: no branch is in contact" in result.stderr
+    lines = (tmp_path / "out.jsonl").read_text().splitlines()
+    assert [json.loads(line)["status"] for line in lines] == [Status.NO_CONTACT] * 3
+    state = json.dumps({name: values[0].tolist() for name, values in bad.items()})
+    result = call("--export", export_dir, state)
+    assert result.exit_code == 1 and "the table: none of 1 rows" in result.stderr
+
+
 def test_what_the_command_refuses(run_dir: Path, export_dir: Path, data_dir: Path, tmp_path: Path) -> None:
     (tmp_path / "old.csv").write_text("old")
     for args, message in (

@@ -10,6 +10,7 @@ import numpy as np
 from tqdm import tqdm
 
 from aminn.prediction.predictor import Predictions, Predictor, Table
+from aminn_base.errors import AminnError
 from aminn_base.files import check_outputs
 from aminn_table import read_map
 from aminn_table.files import format_of, from_json, raw_of
@@ -30,7 +31,8 @@ def run_prediction(
 ) -> None:
     """Predict for a table as the command line has it; write to `out`, else print lines of JSON.
 
-    What is wrong with rows goes to standard error.
+    What is wrong with rows goes to standard error. Raises AminnError where no row can be predicted from, after all is
+    written.
     """
     given = _table(table)
     check_outputs([out], [model, calibration, map_file, *([given] if isinstance(given, Path) else [])])
@@ -44,14 +46,18 @@ def run_prediction(
             given, calibration=calibration, by=by, threads=threads, progress=lambda n: bar.update(n - bar.n)
         )
     _tell(found)
+    held, bad = int(found.holds.sum()), np.count_nonzero(found.status)
     if out is None:
         for line in json_lines(found.hand, found.arrays):
             click.echo(line)
-        return
-    found.write(out)
-    held, bad = int(found.holds.sum()), np.count_nonzero(found.status)
-    noted = np.count_nonzero(found.notes[found.status == 0])
-    click.echo(f"{len(found)} rows, {held} predicted to hold, {bad} without a prediction, {noted} with notes: {out}")
+    else:
+        found.write(out)
+        noted = np.count_nonzero(found.notes[found.status == 0])
+        counts = f"{len(found)} rows, {held} predicted to hold, {bad} without a prediction, {noted} with notes"
+        click.echo(f"{counts}: {out}")
+    if bad and bad == len(found):
+        source = given if isinstance(given, Path) else "the table"
+        raise AminnError(f"{source}: none of {bad} rows can be predicted from: {found.texts[0]}")
 
 
 def _table(table: str) -> Table:
