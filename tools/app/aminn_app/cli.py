@@ -675,6 +675,31 @@ def check(file: Path, pinch: float, grasps: int, seed: int, picture: Path | None
 
 
 @hand.command()
+@click.argument("source", type=FILE_OR_FOLDER, metavar="HAND")
+@click.option("--out", type=NEW_FILE, help="Write it here instead (.csv).")
+def columns(source: Path, out: Path | None) -> None:
+    """Print every column of a table of pushes in a hand, with unit and meaning, as a CSV without rows.
+
+    HAND is a hand file (.toml), a run or a data set. Fill in rows below, and `aminn import` takes it; what is optional
+    may stay empty. docs/own-data.md says more.
+    """
+    from aminn_base.files import check_outputs, write_atomically
+    from aminn_table import template
+
+    from .importing import hand_of
+
+    check_outputs([out], [source])
+    of, _ = hand_of(source, None) if source.is_file() else hand_of(None, source)
+    if out is None:
+        click.echo(template(of), nl=False)
+        return
+    if out.suffix.lower() != ".csv":
+        raise AminnError(f"{out}: the template is CSV; give the file an end of .csv")
+    write_atomically(out, template(of).encode())
+    click.echo(f"columns: {out}")
+
+
+@hand.command()
 @click.argument("file", type=READABLE)
 @click.option(
     "--out", type=FOLDER, required=True, help="Folder for the model, a report, and the hand file that names it."

@@ -6,7 +6,7 @@ from .fallbacks import complete
 from .files import FORMATS, format_of
 from .mapping import Map, read_map
 from .read import read_table
-from .write import write_table
+from .write import template, write_table
 
 __all__ = [
     "FORMATS",
@@ -20,5 +20,6 @@ __all__ = [
     "format_of",
     "read_map",
     "read_table",
+    "template",
     "write_table",
 ]

@@ -18,7 +18,7 @@ from aminn_base.files import finite, write_atomically
 from aminn_base.read import AnyPath
 from aminn_hand import Hand
 
-from .columns import DTYPES, KNOWN, PALM, RESULTS, SENSORS, Arrays, column_of, columns_of, numbers, shapes_of
+from .columns import DTYPES, GROUPS, KNOWN, PALM, RESULTS, SENSORS, Arrays, column_of, columns_of, numbers, shapes_of
 from .files import FRAME, format_of
 
 
@@ -36,6 +36,22 @@ def write_table(path: AnyPath, hand: Hand, arrays: Arrays) -> None:
     typed: Arrays = {k: np.asarray(arrays[k], DTYPES.get(k, np.float64)) for k in shapes if k in arrays}
     form = {"CSV": _csv, "Parquet": _parquet, "HDF5": _hdf5, "JSON": _json}[kind]
     write_atomically(path, form(hand, typed))
+
+
+def template(hand: Hand) -> str:
+    """A table of a lab's pushes without rows: every column with unit, frame and meaning, then the header of a CSV.
+
+    `read_table` takes it with rows below; columns that stay empty count as left out.
+    """
+    lines, names = [f"# {FRAME} = {PALM}"], list[str]()
+    for group in GROUPS:
+        if group.need == "results" or (group.unit == "flag" and group.array in SENSORS):  # an empty cell says as much
+            continue
+        for column in group.columns(hand):
+            of = ", ".join(filter(None, (column.unit, group.frame and f"axes of {group.frame}", group.need)))
+            lines.append(f"# {column.name} ({of}): {group.meaning}")
+            names.append(column.name)
+    return "\n".join([*lines, ",".join(names)]) + "\n"
 
 
 def _columns(hand: Hand, arrays: Arrays) -> dict[str, NDArray]:
