@@ -171,9 +171,10 @@ def test_a_table_says_which_aim_is_missed_and_how_sure_a_ratio_is() -> None:
 
 
 def test_marked_tables_are_written_anew() -> None:
-    text = "a\n<!-- table: ablation -->\nold\n<!-- end of table -->\nb\n<!-- table: other -->\nc\n<!-- end of table -->"
+    marked = "<!-- table: {} -->\n{}\n<!-- end of table -->"
+    text = f"a\n{marked.format('ablation', 'past')}\nb\n{marked.format('other', 'c')}"
     new = filled(text, "ablation", Study({}, [Row("iid", "shipped", {"f1": 0.5}, {"f1": 0.0}, 1)]))
-    assert "old" not in new and "| **shipped** | 0.500 |" in new and "\nc\n" in new
+    assert "past" not in new and "| **shipped** | 0.500 |" in new and "\nc\n" in new
     assert filled(new, "ablation", Study({}, [])) != new and filled(text, "paper", Study({}, [])) == text
 
 
