@@ -12,19 +12,24 @@ import h5py
 import numpy as np
 import pytest
 import torch
+from click.testing import CliRunner, Result
 from synthetic import HANDS, hand, write_dataset
 from torch import Tensor
 
+import aminn
 from aminn.data.dataset import Dataset, load_dataset
 from aminn.data.measured import write_measured
 from aminn.data.sensors import PRESETS, Told, draw, drawn, sensed, tells_all, truth
+from aminn.evaluation.analysis import SensorNoise, with_noise
 from aminn.evaluation.metrics import auroc
-from aminn.evaluation.predict import predict
+from aminn.evaluation.predict import predict, predict_states
 from aminn.hand.symmetry import Reflection
 from aminn.model.checkpoint import Checkpoint
 from aminn.model.config import ModelConfig, SensorDraws, TrainConfig
 from aminn.training.train import model_config, train
+from aminn_app.cli import main
 from aminn_base.errors import AminnError
+from aminn_hand.hand import STATE
 from aminn_hand.sensors import CLASS_NAMES, FRICTION_CLASSES, class_of
 
 HAND = hand()
@@ -251,6 +256,86 @@ def test_a_sensing_run_goes_on_with_measured_data(
     assert run.model.config.sensors is True
     norm, start = (c.model.stage2.backbone.global_norm for c in (run, sensing["aminn"]))
     assert torch.equal(norm.inv_std, start.inv_std)
+
+
+def test_predictions_from_states_and_tables_take_sensors(dataset: Dataset, sensing: dict[str, Checkpoint]) -> None:
+    told = sensed(slippery(dataset), PRESETS["all"]).take(np.arange(20))
+    state = {name: told.samples[name] for name in STATE}
+    sensors = {name: told.samples[name] for name in SENSORS}
+    for run in sensing.values():
+        expected, nothing = predict(run.model, told), predict_states(run.model, **state)
+        found = predict_states(run.model, **state, sensors=sensors)
+        np.testing.assert_allclose(found["p_stable"], expected["p_stable"], rtol=1e-4)
+        assert not np.allclose(nothing["p_stable"], expected["p_stable"], rtol=1e-2)
+        table = aminn.load(run.path).predict(**state, **sensors)
+        np.testing.assert_allclose(table.p_stable, expected["p_stable"], rtol=1e-4)
+        with pytest.raises(AminnError, match=r"friction has shape \(20, 2\), expected \(3,\) or \(20, 3\)"):
+            predict_states(run.model, **state, sensors={"friction": sensors["friction"][:, :2]})
+        with pytest.raises(AminnError, match="grip is no sensor of hand synthetic; there are friction, tool_w"):
+            predict_states(run.model, **state, sensors={"grip": sensors["friction"]})
+
+
+def test_a_measured_data_set_tells_the_predictor_what_it_knows(
+    dataset: Dataset, sensing: dict[str, Checkpoint], tmp_path: Path
+) -> None:
+    friction = truth(dataset)["friction"]
+    data = measured_data(tmp_path / "data", dataset, {"friction": friction})
+    predictor = aminn.load(sensing["aminn"].path)
+    expected = predict(sensing["aminn"].model, sensed(dataset, Told("value")))
+    np.testing.assert_allclose(predictor.predict(tmp_path / "data").p_stable, expected["p_stable"], rtol=1e-4)
+    np.testing.assert_array_equal(sensed(data, Told("value")).samples["friction"], friction)
+    assert not set(SENSORS) & sensed(data, Told()).inputs().keys()
+
+
+def test_noise_of_a_hands_sensors_reaches_weight_and_tensions(dataset: Dataset) -> None:
+    """Friction stays: how well it is known is told with it."""
+    told = sensed(dataset, PRESETS["all"])
+    known = told.samples["tool_weight"] * (np.arange(len(told)) % 2)[:, None]
+    told = replace(told, samples=told.samples | {"tool_weight": known})
+    noise = SensorNoise()
+    plain, noisy = with_noise(dataset, noise).samples, with_noise(told, noise).samples
+    odd = known[:, 0] > 0
+    change = noisy["tool_weight"] - known
+    assert change[odd, 1:].std() == pytest.approx(noise.weight_N, rel=0.1) and not change[~odd].any()
+    share = noisy["tendon_tension"][:, 1:] / told.samples["tendon_tension"][:, 1:] - 1
+    assert share.std() == pytest.approx(noise.force, rel=0.1)
+    np.testing.assert_array_equal(noisy["friction"], told.samples["friction"])
+    for name in ("q", "w_e", "contacts", "j_x", "j_q"):
+        np.testing.assert_array_equal(noisy[name], plain[name])
+
+
+def call(*args: object) -> Result:
+    return CliRunner().invoke(main, [str(a) for a in args])
+
+
+def test_the_command_says_what_models_are_told(
+    data_dir: Path, sensing: dict[str, Checkpoint], runs: dict[str, Checkpoint], tmp_path: Path
+) -> None:
+    words = ("evaluate", "--data", data_dir, "--run", sensing["aminn"].path, "--split", "all")
+    figures = {}
+    for told in ("nothing", "class+weight"):
+        result = call(*words, "--sensors", told, "--json", tmp_path / "figures.json")
+        assert result.exit_code == 0, result.output
+        figures[told] = json.loads((tmp_path / "figures.json").read_text())
+    assert figures["nothing"]["aminn_auroc"] != figures["class+weight"]["aminn_auroc"]
+    assert "told of the load cases: friction of 100%, tool_weight of 100%" in figures["class+weight"]["notes"]
+    assert "told of" not in figures["nothing"]["notes"]
+    result = call(*words, "--run", runs["aminn"].path, "--sensors", "friction")
+    assert f"{runs['aminn'].path} was trained without sensors, and sees none" in " ".join(result.output.split())
+    result = call(*words, "--sensors", "mood")
+    assert result.exit_code == 1 and "sensors 'mood': expected nothing, all, or some of" in result.output
+    explained = [
+        call("explain", "--run", sensing["aminn"].path, "--data", data_dir, "--sample", 3, "--sensors", told).output
+        for told in ("nothing", "all")
+    ]
+    assert "p_stable" in explained[0] and explained[0] != explained[1]
+
+
+def test_the_card_names_the_sensors(sensing: dict[str, Checkpoint], runs: dict[str, Checkpoint]) -> None:
+    card, plain = ((c["mlp"].path / "card.md").read_text() for c in (sensing, runs))
+    assert "| optional sensors | friction (known of 60%), tool_weight (known of 50%), tendon_tension" in card
+    assert "| optional sensors | none |" in plain and "Friction is not an input" in plain
+    assert "Where friction is not told" in card
 
 
 SHARD = "shard-00000.h5"

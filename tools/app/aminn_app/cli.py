@@ -63,6 +63,24 @@ def with_calibration(data: Dataset, calibration: Path | None, run: Checkpoint) -
     return calibrated(data, read_calibration(calibration, run.model.hand))
 
 
+SENSORS = click.option(
+    "--sensors",
+    metavar="WORDS",
+    help="What models are told of friction, the tool's weight and tendon tensions: friction or class (low, mid, high), "
+    "weight and tension joined by +, as in class+weight; nothing; all.  [default: what was measured; of simulated data "
+    "nothing]",
+)
+
+
+def with_told(data: Dataset, words: str | None) -> Dataset:
+    """The data with what a model is to be told of their sensors, if it is said."""
+    if words is None:
+        return data
+    from aminn.data.sensors import Told, sensed
+
+    return sensed(data, Told.parse(words))
+
+
 def read_verification(file: Path) -> dict:
     """The report that `aminn verify --json` wrote."""
     report = read_json(file, "a report of `aminn verify --json`")
@@ -287,6 +305,7 @@ def train(
 )
 @TRAINED_ON
 @CALIBRATION
+@SENSORS
 @click.option("--json", "json_file", type=NEW_FILE, help="Write every figure here, as flat keys.")
 def evaluate(
     data: Path,
@@ -294,6 +313,7 @@ def evaluate(
     split: str,
     trained_on: Path | None,
     calibration: Path | None,
+    sensors: str | None,
     json_file: Path | None,
 ) -> None:
     """Print the figures of trained models beside the analytical model, no motion and the ground truth."""
@@ -306,7 +326,8 @@ def evaluate(
     check_outputs([json_file], [data, *runs, trained_on, calibration])
     origin = load_dataset(trained_on) if trained_on else None
     checkpoints = [load_checkpoint(r) for r in runs]
-    result = run(checkpoints, with_calibration(load_dataset(data), calibration, checkpoints[0]), split, origin)
+    told = with_calibration(with_told(load_dataset(data), sensors), calibration, checkpoints[0])
+    result = run(checkpoints, told, split, origin)
     if json_file:
         write_json(json_file, flat_report(result))
     click.echo(format_table(result))
@@ -577,6 +598,7 @@ def compare(files: tuple[Path, ...], show: int, json_file: Path | None, junit_fi
     help="Folder of other reports, whose figures the page lists.",
 )
 @TRAINED_ON
+@SENSORS
 @click.option("--out", type=NEW_FILE, default=Path("build/reports/report.html"), show_default=True)
 def report(
     data: Path,
@@ -584,6 +606,7 @@ def report(
     verification: Path | None,
     reports: Path,
     trained_on: Path | None,
+    sensors: str | None,
     out: Path,
 ) -> None:
     """Write the report page: table, signed work, predicted motion, training curves, a grasp under load."""
@@ -598,7 +621,8 @@ def report(
     checkpoints = [load_checkpoint(r) for r in runs]
     differences = read_verification(verification) if verification else {}
     origin = load_dataset(trained_on) if trained_on else None
-    run_report(run(checkpoints, load_dataset(data), trained_on=origin), checkpoints, differences, out, reports)
+    told = with_told(load_dataset(data), sensors)
+    run_report(run(checkpoints, told, trained_on=origin), checkpoints, differences, out, reports)
     click.echo(f"report: {out}")
 
 
@@ -609,8 +633,15 @@ def report(
 @click.option("--out", type=NEW_FILE, default=None, help="Write the picture here (.png, .svg or .pdf).")
 @click.option("--json", "json_file", type=NEW_FILE, default=None, help="Write the numbers here.")
 @CALIBRATION
+@SENSORS
 def explain(
-    checkpoint: Path, data: Path, sample: int, out: Path | None, json_file: Path | None, calibration: Path | None
+    checkpoint: Path,
+    data: Path,
+    sample: int,
+    out: Path | None,
+    json_file: Path | None,
+    calibration: Path | None,
+    sensors: str | None,
 ) -> None:
     """Say what the mechanics layer makes of one load case.
 
@@ -624,7 +655,8 @@ def explain(
 
     check_outputs([out, json_file], [data, checkpoint, calibration])
     run = load_checkpoint(checkpoint)
-    found = explain_sample(run, with_calibration(load_dataset(data), calibration, run), sample)
+    told = with_calibration(with_told(load_dataset(data), sensors), calibration, run)
+    found = explain_sample(run, told, sample)
     click.echo(as_text(found))
     if json_file:
         write_json(json_file, found.flat())

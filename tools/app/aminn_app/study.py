@@ -29,14 +29,7 @@ import numpy as np
 from aminn.data.dataset import Dataset, load_dataset
 from aminn.data.regimes import REGIMES, SELECTION, known, regimes
 from aminn.data.sensors import PRESETS, sensed
-from aminn.evaluation.analysis import (
-    NOISE_FACTORS,
-    SensorNoise,
-    breakdown,
-    compliance_figures,
-    gate_figures,
-    noise_figures,
-)
+from aminn.evaluation.analysis import NOISE_FACTORS, breakdown, compliance_figures, gate_figures, noise_figures
 from aminn.evaluation.evaluate import baselines, figures_of, label_figures, learned
 from aminn.evaluation.paired import Resampled, compared, resampled
 from aminn.model.checkpoint import Checkpoint
@@ -217,9 +210,7 @@ def judge(checkpoint: Checkpoint, tests: dict[str, Dataset], study: str) -> Foun
             if whole and test == "iid":
                 parts[""] |= compliance_figures(prediction, told)
                 parts |= breakdown(prediction, told) if not inputs else {}
-                for factor in NOISE_FACTORS if not inputs else (1.0,):
-                    noisy = replace(PRESETS[preset], weight_noise_N=factor * SensorNoise().weight_N)
-                    parts |= noise_figures(checkpoint, sensed(data, noisy), [factor])
+                parts |= noise_figures(checkpoint, told, NOISE_FACTORS if not inputs else (1.0,))
             figures.setdefault(test, {})[inputs] = parts
     return Found(figures, draws)
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aminn_hand import Hand
+from aminn_hand.sensors import TENDON_TENSION, TOOL_WEIGHT
 
 from ..data.dataset import Dataset
 from ..hand.closure import closure
@@ -135,7 +136,7 @@ class SensorNoise:
     joint_rad: float = 0.01
     """Of each joint angle."""
     force: float = 0.02
-    """Of the wrench, as a share of its force and of its moment, and of the contacts' normal forces."""
+    """Of the wrench, as a share of its force and of its moment, of contacts' normal forces, of tendons' tensions."""
     force_N: float = 0.02
     """The same, absolute; moments: times 0.02 m."""
     contact_m: float = 0.001
@@ -143,7 +144,7 @@ class SensorNoise:
     normal_rad: float = 0.05
     """Of a contact normal's direction."""
     weight_N: float = 0.05
-    """Of each component of the tool's weight, where it is known (`sensors.Told.weight_noise_N`)."""
+    """Of each component of the tool's weight, where it is told. Friction is told with its own deviation."""
 
     def scaled(self, factor: float) -> SensorNoise:
         """Noise `factor` times as large."""
@@ -151,7 +152,8 @@ class SensorNoise:
 
 
 def noisy_state(hand: Hand, state: Fields, noise: SensorNoise, rng: np.random.Generator) -> dict[str, NDArray]:
-    """What noisy sensors give of states (n): q, w_e, contacts, and the closure that follows from these."""
+    """What noisy sensors give of states (n): q, w_e, contacts, and the closure that follows from these; and of
+    the tool's weight and the tendons' tensions, where these are told."""
     n, x_ht = len(state["q"]), state["x_ht"]
     q = state["q"] + noise.joint_rad * rng.normal(size=state["q"].shape)
     w, parts = state["w_e"].copy(), ((slice(0, 3), noise.force_N), (slice(3, 6), 0.02 * noise.force_N))
@@ -166,7 +168,13 @@ def noisy_state(hand: Hand, state: Fields, noise: SensorNoise, rng: np.random.Ge
     c[..., 4:7] = np.where(touching[..., None], unit, c[..., 4:7])
     c[..., 7] = np.maximum(c[..., 7] * (1 + noise.force * rng.normal(size=touching.shape)), 0) * touching
     j_x, j_q = closure(hand, q, x_ht, c)
-    return {"q": q, "w_e": w, "contacts": c, "j_x": j_x, "j_q": j_q}
+    noisy = {"q": q, "w_e": w, "contacts": c, "j_x": j_x, "j_q": j_q}
+    for name in (TOOL_WEIGHT, TENDON_TENSION):
+        if name in state:
+            known, value = np.split(state[name], [1], axis=1)
+            spread = noise.weight_N if name == TOOL_WEIGHT else noise.force * value
+            noisy[name] = np.hstack([known, known * (value + spread * rng.normal(size=value.shape))])
+    return noisy
 
 
 def with_noise(data: Dataset, noise: SensorNoise, seed: int = 0) -> Dataset:

@@ -229,6 +229,7 @@ def evaluate(
         note, leaks = _leak(checkpoint, dataset, split)
         notes += [note] if note else []
         unsure |= leaks
+    notes += _sensors_told(checkpoints, dataset)
     data = dataset if split == ALL else dataset.split(split)
     validation = data if split == ALL else dataset.split("validation")
     if trained_on is not None:
@@ -253,6 +254,16 @@ def evaluate(
                 f"{make} more grasps, or smaller loads"
             )
     return replace(compare(checkpoints, data, validation, split), notes=tuple(notes))
+
+
+def _sensors_told(checkpoints: list[Checkpoint], data: Dataset) -> list[str]:
+    """What there is to say of sensors: which are told, and of a model that does not see them."""
+    told = [name for name in data.hand.dims.sensors if name in data.samples]
+    if not told:
+        return []
+    blind = [f"{c.path} was trained without sensors, and sees none" for c in checkpoints if not c.model.config.sensors]
+    shares = [f"{name} of {np.mean(data.samples[name][:, 0]):.0%}" for name in told]
+    return [f"told of the load cases: {', '.join(shares)}", *blind]
 
 
 def _leak(checkpoint: Checkpoint, data: Dataset, split: str) -> tuple[str, bool]:

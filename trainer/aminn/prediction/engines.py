@@ -81,7 +81,7 @@ class Engine(ABC):
 
     @abstractmethod
     def run(self, x: Arrays, threads: int) -> Outputs:
-        """Predict from `Dims.inputs` or a state alone, and theta (N, P), in float64 with a row a state.
+        """Predict from `Dims.inputs` or a state alone, theta (N, P) and sensors, in float64 with a row a state.
 
         Where j_x and j_q are not given the state is as it was measured: theta says how it is to be read, and the
         closure is computed.
@@ -92,7 +92,8 @@ def _true(hand: Hand, x: Arrays) -> Arrays:
     """All inputs of a model, theta among them if it is given."""
     if "j_x" in x:
         return x
-    return true_states(hand, x["q"], x["x_ht"], x["w_e"], x["contacts"], x.get("theta"))
+    sensors = {name: x[name] for name in hand.dims.sensors if name in x}
+    return true_states(hand, x["q"], x["x_ht"], x["w_e"], x["contacts"], x.get("theta"), sensors)
 
 
 def _numbers(engine: Engine, x: Arrays, found: Arrays, good: NDArray[np.bool_], status: NDArray[np.int32]) -> Outputs:

@@ -172,8 +172,9 @@ class Predictor:
 
         table: a CSV, Parquet, HDF5 or JSON-lines file, a ROS 2 bag, a data set folder; a mapping or data frame of the
         same columns; or a mapping of arrays, which may be given by name as well: q (N, J), x_ht (N, 6), w_e (N, 6),
-        contacts (N, B, 8), and if they are known j_x (N, B, 3, 6), j_q (N, B, 3, C), theta (N, P). An array without
-        the leading dimension, or with one row, is the same for all.
+        contacts (N, B, 8), and if they are known j_x (N, B, 3, 6), j_q (N, B, 3, C), theta (N, P), and the sensors
+        friction (N, 3), tool_weight (N, 4), tendon_tension (N, 1 + T) in the form of `aminn_hand.sensors`. An array
+        without the leading dimension, or with one row, is the same for all.
         calibration: the file that `aminn calibrate` wrote, or theta (P) itself. It says how measured angles and
         contacts are read; where arrays of j_x and j_q are given they are taken to be read already.
         by: what a table calls otherwise, in a table's file or bag.
@@ -231,17 +232,19 @@ class Predictor:
         raise AminnError(f"predict: {type(table).__name__} is no table; give a path, a data frame or arrays")
 
     def _arrays(self, arrays: Mapping[str, ArrayLike]) -> Given:
-        names = (*self.hand.dims.inputs, "theta")
+        names = (*self.hand.dims.inputs, "theta", *self.hand.dims.sensors)
         if unknown := sorted(set(arrays) - set(names)):
             raise AminnError(f"predict: {unknown[0]} is no input; there are {', '.join(names)}")
         if missing := [name for name in STATE if name not in arrays]:
             raise AminnError(f"predict: {missing[0]} is missing; give {', '.join(STATE)}")
         if ("j_x" in arrays) != ("j_q" in arrays):
             raise AminnError("predict: give both j_x and j_q, or neither")
-        shapes = self.hand.dims.inputs | {"theta": (len(self.theta_names),)}
+        shapes = self.hand.dims.inputs | {"theta": (len(self.theta_names),)} | self.hand.dims.sensors
         n, found = rows_of(shapes, arrays, np.float64)
         x = {name: np.broadcast_to(values, (n, *values.shape[1:])) for name, values in found.items()}
-        return Given(x, {name: values for name, values in x.items() if name not in ("j_x", "j_q")}, Rows.counted(n))
+        closure = ("j_x", "j_q")
+        told = {name: values for name, values in x.items() if name not in (*closure, *self.hand.dims.sensors)}
+        return Given(x, told, Rows.counted(n))
 
     def _rough(self, table: Path | Raw, by: Map | None) -> Given:
         rough = read_rough(table, self.hand, by)
@@ -257,7 +260,8 @@ class Predictor:
         data = load_dataset(path)
         if data.hand.sha256 != self.hand.sha256:
             raise AminnError(f"{path}: is of hand {data.hand.name}, the model of another ({self.hand.name})")
-        names = [*self.hand.dims.inputs, *(["theta"] if data.has_theta else [])]
+        more = [name for name in ("theta", *self.hand.dims.sensors) if name in data.samples]
+        names = [*self.hand.dims.inputs, *more]
         shapes = shapes_of(self.hand)
         told = {name: values for name, values in data.samples.items() if name in shapes}
         x = {name: np.asarray(data.samples[name], np.float64) for name in names}

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from aminn_base.files import write_atomically
+from aminn_hand.sensors import UNITS
 from aminn_hand.theta import Theta
 
 from ..model.checkpoint import CARD, CARD_HASH, WEIGHTS, Checkpoint
-from ..model.config import TrainConfig, as_toml, build_config
+from ..model.config import SensorDraws, TrainConfig, as_toml, build_config
 
 KINDS = {
     "aminn": "AMINN, a network that predicts springs and tendons, and a statics layer that turns them into motion",
@@ -45,6 +46,14 @@ def _told(checkpoint: Checkpoint) -> str:
     return f"yes: {', '.join(names)}"
 
 
+def _sensors(checkpoint: Checkpoint, draws: SensorDraws) -> str:
+    """What the networks see where it is known, and of which share of the samples training knew it."""
+    if not checkpoint.model.config.sensors:
+        return "none"
+    shares = dict(zip(UNITS, (draws.friction, draws.weight, draws.tension), strict=True))
+    return ", ".join(f"{name} (known of {shares[name]:.0%})" for name in checkpoint.model.hand.dims.sensors)
+
+
 def _card(checkpoint: Checkpoint) -> str:
     meta, data = checkpoint.meta, checkpoint.meta["data"]
     figures = meta["validation"]
@@ -55,6 +64,9 @@ def _card(checkpoint: Checkpoint) -> str:
         best[stage] *= min(meta["history"][stage]["validation"]) < least  # none: the weights it started from
     config = build_config(TrainConfig, meta["identity"]["config"])
     hand = checkpoint.model.hand
+    sensing = checkpoint.model.config.sensors
+    unknown = "Where friction is not told, and" if sensing else "Friction is not an input. Where"
+    friction = f"- {unknown} a contact slides, the motion is a guess around the training data's."
     branches = ", ".join(f"{b.name} of {len(b.coordinates)}" for b in hand.branches) + " joints"
     return "\n".join(
         [
@@ -72,6 +84,7 @@ def _card(checkpoint: Checkpoint) -> str:
             f"| simulator | {data['simulator']} |",
             f"| data set | {meta['identity']['data_sha256']} |",
             f"| told mechanics parameters | {_told(checkpoint)} |",
+            f"| optional sensors | {_sensors(checkpoint, config.sensing)} |",
             *(
                 f"| fine-tuned from | checkpoint {start['sha256']}, trained on data set {start['data_sha256']} |"
                 for start in [meta.get("finetuned")]
@@ -92,7 +105,7 @@ def _card(checkpoint: Checkpoint) -> str:
             "## Limits",
             "",
             f"- One hand, simulated, quasi-static loads, {CONTACTS[hand.contact.kind]}: for ranges see the manifest.",
-            "- Friction is not an input. Where a contact slides, the motion is a guess around the training data's.",
+            friction,
             "- Displacements are trained on stable cases: where `p_stable` is below tau, `dx_ht` means nothing.",
             "",
             "## Configuration",
