@@ -167,7 +167,7 @@ def test_a_table_says_which_aim_is_missed_and_how_sure_a_ratio_is() -> None:
         Row("iid", "aminn_to_mlp", {"rmse_pose_all": 0.7}, interval={"rmse_pose_all": (0.65, 0.76)}),
     ]
     text = TABLES["paper"]["aims"](Study({}, rows))
-    assert "| **new grasps** | nothing more | 0.950 ≥ 0.957 **no** | 0.70 [0.65, 0.76] ≤ 0.72 |" in text
+    assert "| **new grasps** | nothing | 0.950 ≥ 0.957 **no** | 0.70 [0.65, 0.76] ≤ 0.72 |" in text
 
 
 def test_marked_tables_are_written_anew() -> None:

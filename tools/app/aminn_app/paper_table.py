@@ -27,7 +27,7 @@ SETS = {
 }
 TRAINED = {"aminn": "AMINN", "mlp": "MLP", "mlp_norm": "MLP, plain norms"}
 MODELS = TRAINED | {"analytical": "analytical", "no_motion": "no motion"}
-INPUTS = {"": "nothing more", "class_weight": "class and weight", "friction_weight": "friction and weight"}
+INPUTS = {"": "nothing", "class_weight": "class and weight", "friction_weight": "friction and weight"}
 """What optional sensors told."""
 
 
