@@ -9,6 +9,7 @@ from synthetic import HANDS, draw_inputs, draw_wrench, hand
 from torch import Tensor
 
 from aminn.hand.nominal import nominal_of
+from aminn.model.batched import inverse, inverse_3x3
 from aminn.model.mechanics import (
     Constants,
     Extras,
@@ -16,8 +17,6 @@ from aminn.model.mechanics import (
     Response,
     Springs,
     dense_stiffness,
-    inverse,
-    inverse_3x3,
     two_pass,
 )
 from aminn_hand import Hand

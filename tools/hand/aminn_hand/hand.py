@@ -185,6 +185,8 @@ class Dims:
     """Of an exported model: its head gives how much each contact resists twisting, of soft fingertips."""
     factors: int = 0
     """Of a told model: how many factors of theta its networks see; 0 in one that sees none."""
+    slides: bool = False
+    """Of a model whose contacts may slide: its head gives each contact's friction and preload."""
     stiff: int = 0
     """Of an exported model: how many of theta's factors are on springs, servos and tendons."""
     sensing: int = 0
@@ -243,6 +245,8 @@ class Dims:
             sizes |= {"direction": c, "gain": 1, "alpha": 1, "beta": 1, "rho": 1}
         if self.twist:
             sizes |= {"twist": 1}
+        if self.slides:
+            sizes |= {"friction": 1, "preload": 3}
         ends = np.cumsum([0, *sizes.values()]).tolist()
         return {name: slice(a, b) for name, (a, b) in zip(sizes, pairwise(ends), strict=True)}
 
@@ -258,8 +262,8 @@ class Dims:
 
     @property
     def aux(self) -> int:
-        """What stage 1's classifier sees of the statics: motion, diagonal of K_x; gates if any."""
-        return 2 * N_WRENCH + (self.branches if self.gates else 0)
+        """What stage 1's classifier sees of the statics: motion, diagonal of K_x; gates if any; contacts that slide."""
+        return 2 * N_WRENCH + (self.branches if self.gates else 0) + (3 * self.branches if self.slides else 0)
 
     @property
     def inputs(self) -> dict[str, tuple[int, ...]]:

@@ -107,6 +107,10 @@ class ModelConfig:
     sensors: Annotated[bool | None, _of_data] = False
     """Networks see friction, the tool's weight and tendon tensions where they are known, or "data": where the training
     data can tell all of them, as simulated ones do. One model is right with any of them, and with none."""
+    friction: Literal["none", "secant"] = "none"
+    """Contacts hold whatever they carry ("none", the paper's layer), or slide where friction is used up ("secant")."""
+    motion_limits: tuple[Scale, Scale] = (0.010, 0.35)
+    """Motions are cut to these bounds where contacts slide, m and rad: those of a grasp that holds."""
     slip: bool = False
     """Contacts soften along their tangent planes where pass 1 uses up their friction; not exported."""
     log_range: Annotated[float, Field(gt=0, le=20)] = 2.0
@@ -127,7 +131,7 @@ class ModelConfig:
     def dims(self, hand: Hand) -> Dims:
         """Counts of a model of this hand: with the factors of theta and the sensors that its networks see."""
         factors, sensing = Theta(hand).factors if self.told else 0, hand.dims.sensed if self.sensors else 0
-        return replace(hand.dims, factors=factors, sensing=sensing)
+        return replace(hand.dims, factors=factors, sensing=sensing, slides=self.friction != "none")
 
 
 @checked_dataclass(frozen=True, config=CHECKS)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 import torch
@@ -62,18 +62,21 @@ def _stage_tables(prefix: str, backbone: Backbone) -> dict[str, NDArray]:
 
 
 def _whole_head(backbone: Backbone, part: str) -> Tensor:
-    """Weight or bias of the mechanics head, with the twist head's as the last number of each branch if there is one."""
-    head = getattr(backbone.head, part).detach()
+    """Weight or bias of the mechanics head, with the twist head's where `Dims.head_parts` has them if there is one."""
+    head, dims = getattr(backbone.head, part).detach(), backbone.dims
     if backbone.twist_head is None:
         return head
-    rows = head.unflatten(0, (backbone.dims.branches, -1))
+    rows = head.unflatten(0, (dims.branches, -1))
     twist = getattr(backbone.twist_head, part).detach().unsqueeze(1)
-    return torch.cat([rows, twist], 1).flatten(0, 1)
+    at = replace(dims, twist=True).head_parts["twist"].start
+    return torch.cat([rows[:, :at], twist, rows[:, at:]], 1).flatten(0, 1)
 
 
 def _check_exportable(checkpoint: Checkpoint, config: ModelConfig) -> None:
     """Raises AminnError for options that the exported forms do not have."""
     extra = ["slip"] if config.slip else []
+    if config.friction != "none":
+        extra.append(f'friction = "{config.friction}"')
     if not config.heads_see_wrench:
         extra.append("heads_see_wrench = false")
     if extra:

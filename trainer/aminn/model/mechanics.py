@@ -21,10 +21,9 @@ from torch import Tensor
 
 from aminn_hand.hand import N_WRENCH
 
+from .batched import as_last, batch_first, batch_last, inverse, inverse_3x3, product, times
 from .config import MechanicsConfig
-
-AXES = 3
-"""Of space."""
+from .sliding import AXES, Grip, Slide, slide
 
 
 class Springs(NamedTuple):
@@ -42,8 +41,10 @@ class Extras(NamedTuple):
     eps_m: Tensor | None = None  # (), (B) or (N, B) contact compliance, m/N, in place of the constant
     twist: Tensor | None = None  # (N, B) stiffness of each contact about its normal (soft finger), N.m/rad
     slip: Tensor | None = None  # (N, B, 2) friction coefficient, and compliance gained once it is used up, m/N
-    normal: Tensor | None = None  # (N, B, 3) contact normals, for twist and slip
-    normal_force: Tensor | None = None  # (N, B) before the load, N, for slip
+    normal: Tensor | None = None  # (N, B, 3) contact normals, for twist, slip and friction
+    normal_force: Tensor | None = None  # (N, B) before the load, N, for slip and friction
+    friction: Tensor | None = None  # (N, B) coefficients: contacts may slide
+    preload: Tensor | None = None  # (N, B, 3) tangential force on each contact before the load, N, with friction
 
 
 NO_EXTRAS = Extras()
@@ -57,6 +58,7 @@ class Constants(NamedTuple):
     eps_m: Tensor  # (B) compliance of each contact, m/N; or () where all are the same
     gated: tuple[bool, ...]  # (B) whether the branch has a gated tendon
     length_m: float  # L
+    limits: tuple[float, float] | None = None  # of a motion that is reported, m and rad; None: any
 
 
 class Response(NamedTuple):
@@ -66,82 +68,21 @@ class Response(NamedTuple):
     dq0: Tensor  # (N, B, C) joint deflection of pass 1 in branch coordinates, rad
     gate: Tensor  # (N, B) tendon engagement g_b in (0, 1); 0 where a branch has no gated tendon
     k_tendon: Tensor  # (N, B, C, C) k_b g_b d_b d_b^T, N.m/rad
-    k_scaled: Tensor  # (N, 6, 6) K_x with lengths divided by L, N/m
-    x_scaled: Tensor  # (N, 6) displacement with rotations times L, m
-    k_x: Tensor  # (N, 6, 6) K_x, SI
+    k_scaled: Tensor  # (N, 6, 6) K_x with lengths divided by L if no contact slides, N/m
+    x_scaled: Tensor  # (N, 6) displacement with rotations times L, m; not cut
+    k_x: Tensor  # (N, 6, 6) K_x with contacts that slide, SI
     dx: Tensor  # (N, 6) displacement, m and rad
+    friction_use: Tensor  # (N, B) share of its friction that each contact uses if none slides; 0 without friction
+    slide: Tensor  # (N, B) compliance that sliding gives each contact, m/N
+    slide_share: Tensor  # (N, B) that over the compliance that the contact meets
+    pressed: Tensor  # (N, B) normal force under load if none slides, N
+    friction: Tensor  # (N, B) coefficient mu of each contact
+    preload: Tensor  # (N, B, 3) tangential force T0 on each contact before the load, N
 
 
 def length_scaling(like: Tensor, length_m: float) -> Tensor:
     """Diagonal of S (6) for L = `length_m`, with the type and device of `like`."""
     return torch.tensor([1.0] * 3 + [1.0 / length_m] * 3, dtype=like.dtype, device=like.device)
-
-
-# Within the layer the batch stands last: (..., branch, N). Products of small matrices are then a few products of long
-# vectors, several times as fast as a batch of small products.
-
-
-def batch_last(t: Tensor) -> Tensor:
-    """(N, branch, ...) as (..., branch, N); nothing is copied where that is the order in memory already."""
-    return t.movedim((0, 1), (-1, -2)).contiguous()
-
-
-def _last(dtype: torch.dtype, *tensors: Tensor | None) -> list[Tensor]:
-    """Those that are there, in that order and type."""
-    return [batch_last(t).to(dtype) for t in tensors if t is not None]
-
-
-def batch_first(t: Tensor) -> Tensor:
-    """The way back, as a view."""
-    return t.movedim((-1, -2), (0, 1))
-
-
-def product(a: Tensor, b: Tensor) -> Tensor:
-    """Products of matrices (i, k, ...) and (k, j, ...)."""
-    return (a[:, :, None] * b[None]).sum(1)
-
-
-def _mv(a: Tensor, v: Tensor) -> Tensor:
-    """Matrices (i, k, ...) times vectors (k, ...)."""
-    return (a * v).sum(1)
-
-
-def inverse_3x3(m: Tensor) -> Tensor:
-    """Inverses of matrices (3, 3, ...) by cofactors, read off the matrix continued cyclically to 5 x 5."""
-    tall = torch.cat([m, m[:2]])
-    wide = torch.cat([tall, tall[:, :2]], 1)  # (5, 5, ...)
-    cofactors = wide[1:4, 1:4] * wide[2:5, 2:5] - wide[1:4, 2:5] * wide[2:5, 1:4]
-    return cofactors.transpose(0, 1) / (m[0] * cofactors[0]).sum(0)
-
-
-def inverse(m: Tensor) -> Tensor:
-    """Inverses of symmetric positive definite matrices (n, n, ...), by blocks of at most 3."""
-    n = m.shape[0]
-    if n == 3:
-        return inverse_3x3(m)
-    if n == 1:
-        return 1 / m
-    if n == 2:
-        (a, b), (c, d) = m
-        return torch.stack([d, -b, -c, a]).unflatten(0, (2, 2)) / (a * d - b * c)
-    head = inverse(m[:3, :3])
-    coupling = product(head, m[:3, 3:])
-    tail = inverse(m[3:, 3:] - product(m[3:, :3], coupling))
-    mixed = -product(coupling, tail)
-    upper = torch.cat([head - product(mixed, coupling.transpose(0, 1)), mixed], 1)
-    return torch.cat([upper, torch.cat([mixed.transpose(0, 1), tail], 1)])
-
-
-def packed_cholesky(k: Tensor, entries: tuple[tuple[int, int], ...]) -> Tensor:
-    """Cholesky factors of symmetric positive definite matrices; `entries` says where each number of k (n, ...) is."""
-    at = dict(zip(entries, k, strict=True))
-    low: dict[tuple[int, int], Tensor] = {}
-    for row, col in sorted(entries, key=lambda entry: (entry[1], entry[0])):
-        rest = at[row, col]
-        for i in range(col):
-            rest = rest - low[row, i] * low[col, i]
-        low[row, col] = rest.sqrt() if row == col else rest / low[col, col]
-    return torch.stack([low[entry] for entry in entries])
 
 
 class _Factor(NamedTuple):
@@ -160,8 +101,8 @@ def _factorise(k: Tensor) -> _Factor:
 
 def _solve(factor: _Factor, w: Tensor) -> Tensor:
     """Solve K x = w for w (6, N)."""
-    rotation = _mv(factor.schur, w[3:] - _mv(factor.coupling.transpose(0, 1), w[:3]))
-    return torch.cat([_mv(factor.inverse, w[:3]) - _mv(factor.coupling, rotation), rotation])
+    rotation = times(factor.schur, w[3:] - times(factor.coupling.transpose(0, 1), w[:3]))
+    return torch.cat([times(factor.inverse, w[:3]) - times(factor.coupling, rotation), rotation])
 
 
 class _Statics(torch.autograd.Function):
@@ -181,8 +122,9 @@ class _Statics(torch.autograd.Function):
         a: Tensor,  # (3, 6, B, N) scaled A_b
         b_t: Tensor,  # (C, 3, B, N) B_b^T
         floor: Tensor,  # (6, 6, N) or broadcast: added to the scaled K_x, symmetric
-    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Scaled K_x (6, 6, N), scaled displacement (6, N), joint deflections (C, B, N) and forces (3, B, N)."""
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+        """Scaled K_x (6, 6, N), scaled displacement (6, N), joint deflections (C, B, N), forces (3, B, N), and the
+        stiffness of each fingertip (3, 3, B, N)."""
         compliance = inverse(k_q)  # (C, C, B, N)
         cb = product(compliance, b_t)  # (C, 3, B, N) K^-1 B^T
         p = inverse_3x3(product(b_t.transpose(0, 1), cb) + softness)  # (3, 3, B, N) stiffness of a fingertip
@@ -191,31 +133,35 @@ class _Statics(torch.autograd.Function):
         k = k + floor  # (6, 6, N)
         factor = _factorise(k)
         x = _solve(factor, w)
-        v = _mv(wa, x[:, None])  # (3, B, N) force on a fingertip in contact
-        dq = _mv(cb, v)  # (C, B, N)
+        v = times(wa, x[:, None])  # (3, B, N) force on a fingertip in contact
+        dq = times(cb, v)  # (C, B, N)
         ctx.save_for_backward(c, a, b_t, compliance, cb, p, wa, x, v, dq, *factor)
         ctx.set_materialize_grads(False)
-        return k, x, c * dq, c * v
+        return k, x, c * dq, c * v, p
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor | None) -> tuple:  # type: ignore[override]
-        g_k, g_x, g_dq, g_f = gradients  # None where a result was not used
+        g_k, g_x, g_dq, g_f, g_p = gradients  # None where a result was not used
         c, a, b_t, compliance, cb, p, wa, x, v, dq, *parts = ctx.saved_tensors
         factor = _Factor(*parts)
         g_x = wa.new_zeros(wa.shape[1], wa.shape[-1]) if g_x is None else g_x
         soft, y = torch.zeros_like(dq), torch.zeros_like(v)
         if g_dq is not None or g_f is not None:  # these depend on stiffness and contact directly, not only through x
-            soft = soft if g_dq is None else c * _mv(compliance, g_dq)  # (C, B, N)
-            y = _mv(p, _mv(b_t.transpose(0, 1), soft) + (0.0 if g_f is None else c * g_f))  # (3, B, N)
-            g_x = g_x + _mv(a.transpose(0, 1), y).sum(1)
+            soft = soft if g_dq is None else c * times(compliance, g_dq)  # (C, B, N)
+            y = times(p, times(b_t.transpose(0, 1), soft) + (0.0 if g_f is None else c * g_f))  # (3, B, N)
+            g_x = g_x + times(a.transpose(0, 1), y).sum(1)
         adjoint = _solve(factor, g_x)  # (6, N)
-        u = c * _mv(wa, adjoint[:, None]) - y  # (3, B, N)
-        g_kq = (_mv(cb, u) + soft)[:, None] * -dq
+        u = c * times(wa, adjoint[:, None]) - y  # (3, B, N)
+        g_kq = (times(cb, u) + soft)[:, None] * -dq
         g_softness = u[:, None] * v
         if g_k is not None:
             cwg = c * product(wa, g_k[:, :, None])  # (3, 6, B, N)
             g_softness = g_softness - product(cwg, wa.transpose(0, 1))
             g_kq = g_kq + product(product(cb, cwg), product(cb, wa).transpose(0, 1))
+        if g_p is not None:
+            pgp = product(product(p, g_p), p)
+            g_softness = g_softness - pgp
+            g_kq = g_kq + product(product(cb, pgp), cb.transpose(0, 1))
         g_floor = None
         if ctx.needs_input_grad[6]:
             g_floor = -adjoint[:, None] * x + (0.0 if g_k is None else g_k)
@@ -225,7 +171,7 @@ class _Statics(torch.autograd.Function):
 def _joint_deflection_inverse(j_q: Tensor, j_x: Tensor, dx0: Tensor, config: MechanicsConfig) -> Tensor:
     """dq0 (3, B, N) by the regularised inverse of J_q, as the paper writes it; for C = 3 alone, where J_q is square."""
     eye = torch.eye(AXES, dtype=j_q.dtype)[..., None, None]
-    return -_mv(inverse_3x3(j_q + config.eps_jq * eye), _mv(j_x, dx0[:, None]))
+    return -times(inverse_3x3(j_q + config.eps_jq * eye), times(j_x, dx0[:, None]))
 
 
 def two_pass(
@@ -258,10 +204,10 @@ def two_pass(
     softness = softness.expand(AXES, AXES, *minus_b.shape[2:])
     floor = torch.diag(config.eps_kx * s * s)[..., None]  # (6, 6, 1)
     if extras.twist is not None:
-        twist, normal = _last(dtype, extras.twist, extras.normal)
+        twist, normal = as_last(dtype, extras.twist, extras.normal)
         floor = floor + _twist_stiffness(twist, normal, c, constants.length_m)
     rest = (w, c, a * s[:, None, None], -minus_b.transpose(0, 1), floor)
-    k, x, dq, force = _Statics.apply(k_spring, softness, *rest)
+    k, x, dq, force, tip = _Statics.apply(k_spring, softness, *rest)
     dx0 = x * s[:, None]  # (6, N)
     if config.dq0 == "statics":
         dq0 = dq * mask  # the contact flag is in the force already
@@ -277,13 +223,35 @@ def two_pass(
     else:
         gate, k_tendon = torch.zeros_like(gain), torch.zeros_like(k_spring)
     if extras.slip is not None:
-        softness = softness + _slip_softness(force, *_last(dtype, extras.slip, extras.normal, extras.normal_force))
+        softness = softness + _slip_softness(force, *as_last(dtype, extras.slip, extras.normal, extras.normal_force))
     if any(gated) or extras.slip is not None:
-        k, x, _, _ = _Statics.apply(k_spring + k_tendon, softness, *rest)
-    k_scaled = k.movedim(-1, 0)
+        k, x, _, force, tip = _Statics.apply(k_spring + k_tendon, softness, *rest)
+    k_stuck, slid = k, Slide(*(torch.zeros_like(c),) * 4)
+    friction, preload = torch.zeros_like(c), torch.zeros_like(force)
+    if extras.friction is not None:
+        friction, preload, normal, pressing = as_last(
+            dtype, extras.friction, extras.preload, extras.normal, extras.normal_force
+        )
+        across = torch.eye(AXES, dtype=dtype)[..., None, None] - normal[:, None] * normal  # (3, 3, B, N)
+        preload = c * times(across, preload)
+        slid = slide(Grip(friction, preload, normal, pressing), force, tip, rest[2], c, k)
+        k, x, *_ = _Statics.apply(k_spring + k_tendon, softness + c * slid.compliance * across, *rest)
+    k_scaled, k_x = (v.movedim(-1, 0) for v in (k_stuck, k))
+    dx = _cut(x * s[:, None], constants.limits)
     branches = (batch_first(t) for t in (dq0, gate, k_tendon))
-    response = (dx0.mT, *branches, k_scaled, x.mT, k_scaled / (s[:, None] * s), (x * s[:, None]).mT)
+    of_contacts = (slid.use, slid.compliance, slid.share, slid.pressed, friction, preload)
+    contacts = (batch_first(t) for t in of_contacts)
+    response = (dx0.mT, *branches, k_scaled, x.mT, k_x / (s[:, None] * s), dx.mT, *contacts)
     return Response(*(t.to(w_e.dtype) for t in response))
+
+
+def _cut(dx: Tensor, limits: tuple[float, float] | None) -> Tensor:
+    """Motions (6, N), each shortened by one factor to `limits` of translation (m) and rotation (rad)."""
+    if limits is None:
+        return dx
+    sizes = torch.stack([torch.linalg.vector_norm(part, dim=0) for part in (dx[:AXES], dx[AXES:])])  # (2, N)
+    over = sizes / torch.tensor(limits, dtype=dx.dtype)[:, None]
+    return dx / over.amax(0).clamp_min(1)
 
 
 def _twist_stiffness(twist: Tensor, normal: Tensor, c: Tensor, length_m: float) -> Tensor:

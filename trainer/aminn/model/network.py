@@ -24,20 +24,10 @@ from aminn_hand.sensors import FRICTION, FRICTION_SPREAD, NOMINAL_FRICTION, faul
 from aminn_hand.theta import Theta
 
 from ..hand.nominal import Nominal, nominal_of, stiffness_terms
+from .batched import batch_first, batch_last, packed_cholesky, product
 from .config import MechanicsConfig, ModelConfig
-from .mechanics import (
-    AXES,
-    NO_EXTRAS,
-    Constants,
-    Extras,
-    Response,
-    Springs,
-    batch_first,
-    length_scaling,
-    packed_cholesky,
-    product,
-    two_pass,
-)
+from .mechanics import NO_EXTRAS, Constants, Extras, Response, Springs, length_scaling, two_pass
+from .sliding import AXES, preload_of_weight
 
 
 def slog(v: Tensor, scale: Tensor | float) -> Tensor:
@@ -144,6 +134,10 @@ def sensing_columns(dims: Dims, start: int = 0) -> slice:
 
 # Centre of what the optional head predicts.
 SLIP_NOMINAL = (NOMINAL_FRICTION, 1e-3)  # 1, m/N
+
+
+PRELOAD_N = 1.0
+"""Unit of the preload that the head gives."""
 
 
 def _near_zero(layer: nn.Linear) -> nn.Linear:
@@ -256,18 +250,15 @@ class Backbone(nn.Module):
         like = self.chol_nom.dtype
         return packed_cholesky(k[:-1], self.dims.cholesky_entries).to(like), k[-1].to(like)
 
-    def springs(self, f: Tensor, theta: Tensor | None = None) -> Springs:
-        """The mechanics head: corrections to the nominal hand from f (N, width)."""
-        return self.springs_from_head(self.head(f), theta)
+    def parts(self, y: Tensor) -> dict[str, Tensor]:
+        """Raw head outputs y (N, `Dims.head`) by `Dims.head_parts`, each (numbers, B, N): the batch stands last."""
+        dims = self.dims
+        y = y.mT.unflatten(0, (dims.branches, dims.branch_head)).transpose(0, 1).contiguous()
+        return dict(zip(dims.head_parts, y.split([p.stop - p.start for p in dims.head_parts.values()]), strict=True))
 
     def springs_from_head(self, y: Tensor, theta: Tensor | None = None) -> Springs:
-        """Springs and tendons from raw head outputs y (N, `Dims.head`); zeros give the nominal hand, with theta (N, P).
-
-        Each branch's are in the order of `Dims.head_parts`.
-        """
-        dims, count = self.dims, self.dims.coordinates
-        y = y.mT.unflatten(0, (dims.branches, dims.branch_head)).transpose(0, 1).contiguous()  # (.., B, N): batch last
-        part = dict(zip(dims.head_parts, y.split([p.stop - p.start for p in dims.head_parts.values()]), strict=True))
+        """Springs and tendons from raw head outputs y (N, `Dims.head`); zeros: those of the hand, with theta (N, P)."""
+        dims, count, part = self.dims, self.dims.coordinates, self.parts(y)
         ld, lo = part["diagonal"], part["below"]
         mask, r = self.coord_mask.mT[..., None], self.config.log_range  # (C, B, 1)
         nominal, gain = self.nominal(theta)
@@ -304,8 +295,8 @@ class Backbone(nn.Module):
         change = math.exp(self.eps_m_change.item()) if self.mechanics.learn_eps_m else 1.0
         return (self.eps_m_start.expand(self.dims.branches) * change).tolist()
 
-    def extras(self, f: Tensor, x: dict[str, Tensor]) -> Extras:
-        """The terms beyond the paper's layer that this configuration has, from f (N, width)."""
+    def extras(self, f: Tensor, y: Tensor, x: dict[str, Tensor]) -> Extras:
+        """The terms beyond the paper's layer that this configuration has, from f (N, width) and y (N, `Dims.head`)."""
         eps_m = self._compliance(x)
         if self.mechanics.learn_eps_m:
             change = self.eps_m_change.exp()
@@ -319,7 +310,28 @@ class Backbone(nn.Module):
             friction, compliance = raw.unbind(-2)  # (N, B) each
             nominal = (SLIP_NOMINAL[0] * torch.exp(friction), SLIP_NOMINAL[1] * torch.exp(4 * compliance))
             extras = extras._replace(slip=torch.stack(nominal, -1))
-        return extras
+        return self._with_friction(extras, y, x)
+
+    def _with_friction(self, extras: Extras, y: Tensor, x: dict[str, Tensor]) -> Extras:
+        """Friction and preload of the contacts, if they may slide, from raw head outputs y (N, `Dims.head`)."""
+        if not self.dims.slides:
+            return extras
+        part = self.parts(y)
+        told = told_friction(x if self.dims.sensing else {"q": x["q"]})[:, None]
+        friction = told * torch.exp(torch.tanh(batch_first(part["friction"])[..., 0]))  # (N, B)
+        preload = PRELOAD_N * batch_first(part["preload"])  # (N, B, 3)
+        if self.dims.sensing and "tool_weight" in x:
+            preload = preload + self._preload_of_weight(x).to(preload.dtype)
+        return extras._replace(friction=friction, preload=preload)
+
+    def _preload_of_weight(self, x: dict[str, Tensor]) -> Tensor:
+        """`preload_of_weight` (N, B, 3) where the tool's weight is known, else 0."""
+        known, weight = x["tool_weight"].to(self.precision).split([1, AXES], -1)
+        contacts = batch_last(x["contacts"]).to(self.precision)  # (8, B, N)
+        scale = length_scaling(contacts, self.length_m)[:, None, None]
+        a = batch_last(x["j_x"]).to(self.precision) * scale
+        found = preload_of_weight(weight.mT, contacts[0], a, contacts[4:7], contacts[7], self.length_m)
+        return known[..., None] * batch_first(found)
 
     def _compliance(self, x: dict[str, Tensor]) -> Tensor | None:
         """Contact compliances (N, B) with theta, if there is one, before what is learned of them."""
@@ -336,21 +348,26 @@ class Backbone(nn.Module):
     def respond(self, springs: Springs, x: dict[str, Tensor], extras: Extras = NO_EXTRAS) -> Response:
         """The two-pass layer on this stage's constants."""
         contact = x["contacts"][..., 0]
-        constants = Constants(self.mechanics, self.coord_mask, self.eps_m_start, self.gated, self.length_m)
+        limits = self.config.motion_limits if self.dims.slides else None
+        constants = Constants(self.mechanics, self.coord_mask, self.eps_m_start, self.gated, self.length_m, limits)
         return two_pass(springs, x["w_e"], contact, x["j_x"], x["j_q"], constants, extras, self.precision)
 
     def forward(self, x: dict[str, Tensor]) -> tuple[Tensor, Springs, Response]:
         f = self.features(x)
         seen = f if self.config.heads_see_wrench else self.features(x | {"w_e": torch.zeros_like(x["w_e"])})
-        springs = self.springs(seen, x.get("theta"))
-        return f, springs, self.respond(springs, x, self.extras(seen, x))
+        y = self.head(seen)
+        springs = self.springs_from_head(y, x.get("theta"))
+        return f, springs, self.respond(springs, x, self.extras(seen, y, x))
 
     def nominal_response(self, x: dict[str, Tensor]) -> Response:
         """The analytical model: nominal springs, tendons taut, nothing learned. Raw head outputs are all zero."""
         n = len(x["q"])
         y, extras = x["q"].new_zeros(n, self.dims.head), Extras(self._compliance(x))
+        contacts = x["contacts"]
+        extras = extras._replace(normal=contacts[..., 4:7], normal_force=contacts[..., 7])
         if self.twist_head is not None:
-            extras = extras._replace(twist=self._twist(x).expand(n, -1), normal=x["contacts"][..., 4:7])
+            extras = extras._replace(twist=self._twist(x).expand(n, -1))
+        extras = self._with_friction(extras, y, x)
         return self.respond(self.springs_from_head(y, x.get("theta")), x, extras)
 
 
@@ -359,12 +376,17 @@ def motion_size(r: Response) -> Tensor:
     return torch.linalg.vector_norm(r.x_scaled, dim=-1, keepdim=True).clamp_min(LEAST_MOTION_M)
 
 
+def contact_statics(r: Response) -> Tensor:
+    """What the friction of the contacts says (N, 3 B), in logarithm: use, how much they give by sliding, force."""
+    return torch.log(1 + torch.cat([r.friction_use, r.slide_share, r.pressed], -1))
+
+
 class Stage1(nn.Module):
     """Does the grasp hold? A classifier on f and on what the statics say."""
 
     def __init__(self, config: ModelConfig, hand: Hand) -> None:
         super().__init__()
-        self.config, self.dims = config, hand.dims
+        self.config, self.dims = config, config.dims(hand)
         self.backbone = Backbone(config, config.mechanics[0], hand)
         self.aux_norm = Normaliser(self.dims.aux)
         self.cls1 = nn.Linear(config.width + self.dims.aux, config.classifier_width)
@@ -376,16 +398,18 @@ class Stage1(nn.Module):
             # Centred on the nominal hand. Logarithms keep their scale: a stiffness that hardly varies over the data
             # would be magnified, and its rounding error with it. Gates are scaled by their range.
             self.aux_norm.mean.copy_(self._statics(self.backbone.nominal_response(x)).mean(0))
-            self.aux_norm.mean[2 * N_WRENCH :] = 0.5
-            self.aux_norm.inv_std[2 * N_WRENCH :] = 2.0
+            gates = slice(2 * N_WRENCH, 2 * N_WRENCH + (self.dims.branches if self.dims.gates else 0))
+            self.aux_norm.mean[gates] = 0.5
+            self.aux_norm.inv_std[gates] = 2.0
 
     def _statics(self, r: Response) -> Tensor:
-        """What the statics say (N, `Dims.aux`): motion, its size in logarithm; log diag(K_x); gates, if any."""
+        """What the statics say (N, `Dims.aux`): motion, its size in logarithm; log diag(K_x); gates; contacts."""
         size = motion_size(r)
         log_size = torch.log(1 + size / self.config.displacement_log_scale)
         diag = torch.log(torch.diagonal(r.k_scaled, dim1=-2, dim2=-1))  # (N, 6)
         gates = (r.gate,) if self.dims.gates else ()
-        return torch.cat([r.x_scaled * (log_size / size), diag, *gates], -1)
+        contacts = (contact_statics(r),) if self.dims.slides else ()
+        return torch.cat([r.x_scaled * (log_size / size), diag, *gates, *contacts], -1)
 
     def _aux(self, r: Response) -> Tensor:
         """The same normalised. K_x and gates count the less, the further beyond L the linear statics move the tool."""
@@ -502,9 +526,11 @@ class Aminn(Cascade):
         logit, springs1, r1 = self.stage1(x)
         dx, springs2, r2 = self.stage2(x)
         out = {"p_stable": torch.sigmoid(logit), "dx_ht": dx, "k_x": r2.k_x, "gate": r2.gate}
+        if self.stage1.dims.slides:
+            out["friction_use"] = r1.friction_use
         for prefix, springs, r in (("s1_", springs1, r1), ("s2_", springs2, r2)):
-            out |= {prefix + name: value for name, value in springs._asdict().items()}
-            out |= {prefix + name: getattr(r, name) for name in ("dx0", "dq0", "gate", "k_x", "dx")}
+            found = springs._asdict() | r._asdict()
+            out |= {prefix + name: found[name] for name in self.hand.dims.debug}
         return out
 
 
