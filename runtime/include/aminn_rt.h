@@ -234,7 +234,8 @@ extern const char AMINN_LIBRARY[];
     X(AMINN_E_CONTRACTED, -21, "products and sums are fused: compile the library with -ffp-contract=off")             \
     X(AMINN_E_FAST_MATH, -22, "arithmetic is reordered or approximated: compile without -ffast-math and its parts")   \
     X(AMINN_E_KNOWN_ANSWER, -23, "the library computes other bits than it must: miscompiled, or memory is damaged")   \
-    X(AMINN_E_CALIBRATION, -24, "theta is beyond its bounds, or the calibration was not set for the context's model")
+    X(AMINN_E_CALIBRATION, -24, "theta is beyond its bounds, or the calibration was not set for the context's model") \
+    X(AMINN_E_SENSORS, -25, "a sensor's number is out of its range, or the model was not trained to see sensors")
 
 /* clang-format on */
 
