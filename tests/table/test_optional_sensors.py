@@ -18,10 +18,10 @@ from aminn.data.measured import KNOWN_SHARES
 from aminn_base.errors import AminnError
 from aminn_hand import Hand
 from aminn_hand.hand import rotation
-from aminn_hand.sensors import FRICTION_CLASSES
+from aminn_hand.sensors import DEFAULT_DEVIATION, FRICTION_CLASSES
 from aminn_hand.theta import Theta
 from aminn_table import FORMATS, TableError, check, read_table, write_table
-from aminn_table.columns import DEFAULT_DEVIATION, LABELLED, SENSORS, Arrays, tendons_of
+from aminn_table.columns import LABELLED, SENSORS, Arrays, tendons_of
 from aminn_table.mapping import STANDARD_GRAVITY_M_S2, quaternion_of
 from aminn_table.read import read_rough
 
@@ -72,6 +72,18 @@ def test_arrays_of_the_form_that_everything_takes(lab_hand: Hand, sensed: Arrays
         read = read_table(tmp_path / file, lab_hand, LABELLED)
         for name in SENSORS:
             np.testing.assert_array_equal(read[name], sensed[name], err_msg=f"{file} {name}")
+
+
+def test_arrays_of_values_alone_are_known(lab_hand: Hand, sensed: Arrays, tmp_path: Path) -> None:
+    for name in SENSORS:
+        sensed[name] = sensed[name][5:]
+    arrays = {name: values if name in SENSORS else values[5:] for name, values in sensed.items()}
+    with h5py.File(tmp_path / "p.h5", "w") as file:
+        for name, values in arrays.items():
+            file[name] = values[:, 1:] if name in SENSORS else values
+    read = read_table(tmp_path / "p.h5", lab_hand, LABELLED)
+    for name in SENSORS:
+        np.testing.assert_array_equal(read[name], arrays[name], err_msg=name)
 
 
 def cells(hand: Hand, arrays: Arrays, file: Path, columns: dict[str, list[str]]) -> Path:

@@ -21,13 +21,13 @@ def made_up_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def untrained_run(folder: Path, data_dir: Path, kind: str = "aminn", told: bool = False) -> Path:
-    """A run of the made-up hand in `folder`."""
+def untrained_run(folder: Path, data_dir: Path, kind: str = "aminn", **config: bool) -> Path:
+    """A run of the made-up hand in `folder`; `config` are settings of the model."""
     data = load_dataset(data_dir)
     identity = identity_of(TrainConfig(), data.sha256)
     meta = {"tau": 0.5173, "identity": identity, "data": {}, "data_config_sha256": data.manifest["config_sha256"]}
     with torch.random.fork_rng():
         torch.manual_seed(0)
-        model = build_model(kind, ModelConfig(told=told), hand())
+        model = build_model(kind, ModelConfig(**config), hand())
     save_checkpoint(folder, model, meta)
     return folder

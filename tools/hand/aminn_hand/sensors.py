@@ -13,7 +13,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from aminn_base.errors import AminnError
 
 from .hand import Array, Dims
 
@@ -34,6 +36,10 @@ FRICTION_CLASSES: dict[str, tuple[float, float, float]] = {
     name: (1.0, FRICTION_RANGE[0] + (k + 0.5) * _WIDTH, _WIDTH / 12**0.5) for k, name in enumerate(CLASS_NAMES)
 }
 """`friction` of each class: the middle of its third, and the deviation of a coefficient anywhere in it."""
+
+
+DEFAULT_DEVIATION = 0.1
+"""Of a coefficient whose standard deviation nobody tells, as a share of it."""
 
 
 def class_of(coefficient: Array) -> NDArray[np.int64]:
@@ -78,3 +84,29 @@ def faults(name: str, values: Array) -> Iterator[tuple[NDArray[np.bool_], str]]:
     if name == FRICTION:
         yield (known > 0) & (values[:, 1] <= 0), f"{name}: the coefficient is not positive"
         yield (known > 0) & (values[:, 2] < 0), f"{name}: the standard deviation is negative"
+
+
+def in_full(name: str, value: ArrayLike, size: int) -> ArrayLike:
+    """A sensor's array (..., size) of what may be said for short; what is no such is given back.
+
+    friction: a coefficient, whose deviation is then `DEFAULT_DEVIATION` of it, one with its deviation (..., 2), or the
+    name of a class. Of other sensors the values alone (..., size - 1), which are not known where all are NaN.
+    """
+    if isinstance(value, str):
+        if name != FRICTION or value not in FRICTION_CLASSES:
+            raise AminnError(f"{name} is {value!r}, expected {_expected(name)}")
+        return FRICTION_CLASSES[value]
+    try:
+        told = np.asarray(value, float)
+    except (TypeError, ValueError):
+        return value
+    if name == FRICTION and told.ndim == 0:
+        told = np.stack([told, DEFAULT_DEVIATION * np.abs(told)])
+    if told.ndim == 0 or told.shape[-1] != size - 1:
+        return value
+    unknown = np.isnan(told).all(-1, keepdims=True)
+    return np.concatenate([~unknown, np.where(unknown, 0.0, told)], -1)
+
+
+def _expected(name: str) -> str:
+    return f"numbers, or {', '.join(CLASS_NAMES)}" if name == FRICTION else "numbers"

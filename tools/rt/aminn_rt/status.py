@@ -8,6 +8,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from aminn_hand.sensors import UNITS, faults
 from aminn_hand.theta import theta_bounds
 
 NORMAL_TOLERANCE = 1e-3
@@ -26,16 +27,18 @@ class Status(IntEnum):
     NO_CONTACT = -8
     NUMERIC = -9
     CALIBRATION = -24
+    SENSORS = -25
 
 
 def statuses(inputs: Mapping[str, NDArray]) -> NDArray[np.int32]:
-    """What the runtime says to inputs and theta, by their names and with a row a state (N): all but NUMERIC.
+    """What the runtime says to inputs, theta and sensors, by their names and with a row a state (N): all but NUMERIC.
 
     What is wrong with theta goes before all else.
     """
     with np.errstate(over="ignore"):
         x = {name: np.asarray(values, np.float32) for name, values in inputs.items()}
     theta, contacts = x.pop("theta", np.zeros((len(x["q"]), 0), np.float32)), x["contacts"].astype(np.float64)
+    sensors = [wrong for name in UNITS if name in x for wrong, _ in faults(name, x.pop(name).astype(np.float64))]
     flag = contacts[..., 0]
     with np.errstate(invalid="ignore", over="ignore"):
         length = np.linalg.norm(contacts[..., 4:7], axis=-1)
@@ -45,6 +48,7 @@ def statuses(inputs: Mapping[str, NDArray]) -> NDArray[np.int32]:
             (Status.NORMAL, ((flag > 0) & ~(np.abs(length - 1) <= NORMAL_TOLERANCE)).any(1)),
             (Status.CONTACT_FLAG, ((flag < 0) | (flag > 1)).any(1)),
             (Status.NONFINITE, ~np.all([np.isfinite(v).all(tuple(range(1, v.ndim))) for v in x.values()], 0)),
+            (Status.SENSORS, np.any([np.zeros(len(contacts), bool), *sensors], 0)),
             (Status.CALIBRATION, (np.abs(theta) > theta_bounds(theta.shape[1], x["q"].shape[1])).any(1)),
             (Status.NONFINITE, ~np.isfinite(theta).all(1)),
         )

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from aminn_hand import Hand, Tendon
 from aminn_hand.hand import N_CONTACT_FEATURE, N_WRENCH, STATE
-from aminn_hand.sensors import CLASS_NAMES, FRICTION, TENDON_TENSION, TOOL_WEIGHT, UNITS
+from aminn_hand.sensors import CLASS_NAMES, DEFAULT_DEVIATION, FRICTION, TENDON_TENSION, TOOL_WEIGHT, UNITS
 from aminn_hand.theta import Theta
 
 Arrays = dict[str, NDArray]
@@ -31,8 +31,6 @@ MEASURED = ("time_s", "grasp_id", "q", "x_ht", "w_e", "contacts", "dx_ht", "stab
 """Arrays that a lab gives."""
 FRICTION_CLASS = "friction_class"
 """Texts that a table may have in place of friction; `read_table` gives friction."""
-DEFAULT_DEVIATION = 0.1
-"""Of friction whose standard deviation is not told, in parts of it."""
 RESULTS = ("p_stable", "holds", "pred_dx_ht", "notes", "status")
 """Arrays that predictions add."""
 

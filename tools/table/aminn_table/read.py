@@ -17,7 +17,7 @@ from aminn_hand import Hand
 
 from .bags import is_bag, read_bag
 from .checks import Fault, Rows, TableError, check, settled
-from .columns import GROUPS, KNOWN, ON, SENSORS, STATE, Arrays, Column, Place, columns_of, shapes_of
+from .columns import GROUPS, KNOWN, ON, SENSORS, STATE, Arrays, Column, Place, column_of, columns_of, shapes_of
 from .files import FRAME, Raw, read_raw
 from .mapping import PALM_NAMES, UNITS, ColumnTable, Frames, Map, in_palm
 from .sensing import with_sensors
@@ -140,8 +140,14 @@ def _joined(shape: Place, parts: dict[Place, NDArray], n: int) -> NDArray:
 
 
 def _by_names(raw: Raw, hand: Hand, ignore: Sequence[str]) -> dict[str, NDArray]:
-    """Columns by their proper names; those of arrays without names are found by their place."""
+    """Columns by their proper names; those of arrays without names are found by their place.
+
+    An array of a sensor that has one number less tells its values alone.
+    """
     placed = {f"{c.array}[{', '.join(map(str, c.at))}]": c.name for c in columns_of(hand) if c.at}
+    for name, (size,) in hand.dims.sensors.items():
+        if f"{name}[{size - 2}]" in raw.columns and f"{name}[{size - 1}]" not in raw.columns:
+            placed |= {f"{name}[{i}]": column_of(hand, name, (i + 1,)).name for i in range(size - 1)}
     named = {placed.get(name, name): values for name, values in raw.columns.items()}
     return {name: v for name, v in named.items() if not any(fnmatchcase(name, pattern) for pattern in ignore)}
 

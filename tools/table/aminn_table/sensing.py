@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aminn_hand import Hand
-from aminn_hand.sensors import CLASS_NAMES, FRICTION, FRICTION_CLASSES
+from aminn_hand.sensors import CLASS_NAMES, DEFAULT_DEVIATION, FRICTION, FRICTION_CLASSES
 
 from .checks import Array, Fault, Mask, Rows
-from .columns import DEFAULT_DEVIATION, FRICTION_CLASS, KNOWN, SENSORS, Arrays, Column, column_of, columns_of
+from .columns import FRICTION_CLASS, KNOWN, SENSORS, Arrays, Column, column_of, columns_of
 
 Found = tuple[Column, Mask, str]
 """Column, rows that are at fault, and what is wrong with them; {} stands for what the cell holds."""

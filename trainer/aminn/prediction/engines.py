@@ -21,6 +21,7 @@ from aminn_base.errors import AminnError
 from aminn_base.read import AnyPath, read_bytes
 from aminn_hand import Hand
 from aminn_hand.hand import STATE
+from aminn_hand.sensors import FRICTION, UNITS
 from aminn_hand.theta import Theta
 from aminn_rt import Model, Note
 from aminn_rt.model import cores, model_file, ranges_in
@@ -78,6 +79,11 @@ class Engine(ABC):
     @abstractmethod
     def hand(self) -> Hand:
         """That the model is for."""
+
+    @property
+    @abstractmethod
+    def senses(self) -> bool:
+        """Whether the model was trained to see optional sensors."""
 
     @abstractmethod
     def run(self, x: Arrays, threads: int) -> Outputs:
@@ -142,6 +148,10 @@ class TorchEngine(Engine):
     def hand(self) -> Hand:
         return self._model.hand
 
+    @property
+    def senses(self) -> bool:
+        return bool(self._model.config.sensors)
+
     def run(self, x: Arrays, threads: int) -> Outputs:
         status = statuses(x)
         good = status == Status.OK
@@ -171,6 +181,10 @@ class OnnxEngine(Engine):
     def hand(self) -> Hand:
         return self._hand
 
+    @property
+    def senses(self) -> bool:
+        return FRICTION in _taken(self._session(1))
+
     @cached_property
     def _ranges(self) -> dict[str, NDArray[np.float32]] | None:
         """None where they cannot be had: another hand's runtime, which reads them, may need a compiler."""
@@ -189,7 +203,7 @@ class OnnxEngine(Engine):
         good = status == Status.OK
         true = _true(self.hand, {k: v[good] for k, v in x.items()})
         session = self._session(cores(threads))
-        taken = {i.name for i in (*session.get_inputs(), *session.get_overridable_initializers())}
+        taken = _taken(session)
         if "theta" not in taken and "theta" in x and x["theta"][:, : Theta(self.hand).factors].any():
             raise AminnError(
                 f"{self.source}: the graph of a model that is not told mechanics takes no theta; choose runtime"
@@ -200,6 +214,11 @@ class OnnxEngine(Engine):
         if self._ranges is not None:
             outputs.notes[np.flatnonzero(good)[~within_ranges(true, self._ranges)]] |= np.uint32(Note.OUT_OF_RANGE)
         return outputs
+
+
+def _taken(session: ort.InferenceSession) -> set[str]:
+    """Names of everything that may be given."""
+    return {i.name for i in (*session.get_inputs(), *session.get_overridable_initializers())}
 
 
 class RuntimeEngine(Engine):
@@ -222,9 +241,13 @@ class RuntimeEngine(Engine):
     def hand(self) -> Hand:
         return self._hand
 
+    @property
+    def senses(self) -> bool:
+        return self.model.dims.sensing > 0
+
     def run(self, x: Arrays, threads: int) -> Outputs:
         state = {name: x[name] for name in STATE}
-        more = {name: x.get(name) for name in ("j_x", "j_q", "theta")}
+        more = {name: x[name] for name in ("j_x", "j_q", "theta", *UNITS) if name in x}
         found = self.model.predict(**state, **more, threads=threads, always=True)  # type: ignore[arg-type]
         return Outputs(**{name: getattr(found, name) for name in Outputs.__dataclass_fields__})
 

@@ -16,6 +16,7 @@ from aminn_base.errors import AminnError
 from aminn_base.read import AnyPath
 from aminn_hand import Hand
 from aminn_hand.hand import STATE
+from aminn_hand.sensors import in_full
 from aminn_hand.theta import Theta
 from aminn_rt import Note
 from aminn_rt.compiled import runtime
@@ -66,7 +67,7 @@ class Given:
     faults: tuple[Fault, ...] = ()
     """What is wrong with rows of the table, or hard to believe."""
     fallbacks: tuple[str, ...] = ()
-    """What stands in for sensors that the table lacks."""
+    """What stands in for sensors that the table lacks, and what of it the model does not look at."""
     index: Any = None
     """Of the data frame that it was."""
 
@@ -172,9 +173,11 @@ class Predictor:
 
         table: a CSV, Parquet, HDF5 or JSON-lines file, a ROS 2 bag, a data set folder; a mapping or data frame of the
         same columns; or a mapping of arrays, which may be given by name as well: q (N, J), x_ht (N, 6), w_e (N, 6),
-        contacts (N, B, 8), and if they are known j_x (N, B, 3, 6), j_q (N, B, 3, C), theta (N, P), and the sensors
-        friction (N, 3), tool_weight (N, 4), tendon_tension (N, 1 + T) in the form of `aminn_hand.sensors`. An array
-        without the leading dimension, or with one row, is the same for all.
+        contacts (N, B, 8), and if they are known j_x (N, B, 3, 6), j_q (N, B, 3, C), theta (N, P). An array without
+        the leading dimension, or with one row, is the same for all. What a model that senses may be told as well:
+        friction (N, 3) known or not (1 or 0), coefficient, standard deviation; or for all a coefficient, whose
+        deviation is then 10 %, or "low", "mid", "high"; tool_weight (N, 3) force of gravity on the tool, N, H;
+        tendon_tension (N, T) N. A row of NaN is not known; (N, 4) and (N, 1 + T) tell it by a 1 or 0 before.
         calibration: the file that `aminn calibrate` wrote, or theta (P) itself. It says how measured angles and
         contacts are read; where arrays of j_x and j_q are given they are taken to be read already.
         by: what a table calls otherwise, in a table's file or bag.
@@ -212,15 +215,23 @@ class Predictor:
         return theta
 
     def given(self, table: Table, by: Map | None = None) -> Given:
-        """The states of a table, as `predict` takes them."""
+        """The states of a table, as `predict` takes them; without sensors that the model does not see."""
+        given = self._given(table, by)
+        unseen = [] if self.engine.senses else [name for name in self.hand.dims.sensors if name in given.x]
+        if not unseen:
+            return given
+        ignored = f"{', '.join(unseen)}: not looked at, since the model was trained without sensors"
+        x = {name: values for name, values in given.x.items() if name not in unseen}
+        return replace(given, x=x, fallbacks=(*given.fallbacks, ignored))
+
+    def _given(self, table: Table, by: Map | None) -> Given:
         if isinstance(table, str | os.PathLike):
             path = Path(table)
             return self._dataset(path) if (path / "manifest.json").is_file() else self._rough(path, by)
         if isinstance(table, Raw):
             return self._rough(table, by)
         if isinstance(table, Mapping):
-            names = {*self.hand.dims.inputs, "theta"}
-            if table.keys() & names:
+            if table.keys() & {*self.hand.dims.inputs, "theta"}:
                 return self._arrays(table)
             if not table:
                 raise AminnError(f"predict: give a table, or the arrays {', '.join(STATE)}")
@@ -239,19 +250,21 @@ class Predictor:
             raise AminnError(f"predict: {missing[0]} is missing; give {', '.join(STATE)}")
         if ("j_x" in arrays) != ("j_q" in arrays):
             raise AminnError("predict: give both j_x and j_q, or neither")
-        shapes = self.hand.dims.inputs | {"theta": (len(self.theta_names),)} | self.hand.dims.sensors
-        n, found = rows_of(shapes, arrays, np.float64)
+        sensors = self.hand.dims.sensors
+        if not self.engine.senses and (unseen := [name for name in sensors if name in arrays]):
+            raise AminnError(f"predict: the model was trained without sensors; leave out {', '.join(unseen)}")
+        shapes = self.hand.dims.inputs | {"theta": (len(self.theta_names),)} | sensors
+        whole = {k: in_full(k, v, sensors[k][0]) if k in sensors else v for k, v in arrays.items()}
+        n, found = rows_of(shapes, whole, np.float64)
         x = {name: np.broadcast_to(values, (n, *values.shape[1:])) for name, values in found.items()}
-        closure = ("j_x", "j_q")
-        told = {name: values for name, values in x.items() if name not in (*closure, *self.hand.dims.sensors)}
-        return Given(x, told, Rows.counted(n))
+        return Given(x, {name: values for name, values in x.items() if name not in ("j_x", "j_q")}, Rows.counted(n))
 
     def _rough(self, table: Path | Raw, by: Map | None) -> Given:
         rough = read_rough(table, self.hand, by)
         contacts, bad = rough.arrays["contacts"], rough.bad[:, None, None]
         # nothing stands in for what is missing in single rows
         told, notes = complete(self.hand, rough.arrays | {"contacts": np.where(bad, 0.0, contacts)}, self.engine.forces)
-        x = {name: told[name] for name in (*STATE, "theta") if name in told}
+        x = {name: told[name] for name in (*STATE, "theta", *self.hand.dims.sensors) if name in told}
         x["contacts"] = np.where(bad, np.nan, told["contacts"])
         told["contacts"] = np.where(bad, contacts, told["contacts"])
         return Given(x, told, rough.rows, rough.faults, notes)
