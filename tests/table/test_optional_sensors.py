@@ -8,6 +8,8 @@ from pathlib import Path
 
 import h5py
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from record import Message, header, messages, record, tool, wrench
 from test_bags import as_map, map_text
@@ -22,6 +24,7 @@ from aminn_hand.sensors import DEFAULT_DEVIATION, FRICTION_CLASSES
 from aminn_hand.theta import Theta
 from aminn_table import FORMATS, TableError, check, read_table, write_table
 from aminn_table.columns import LABELLED, SENSORS, Arrays, tendons_of
+from aminn_table.files import from_columns
 from aminn_table.mapping import STANDARD_GRAVITY_M_S2, quaternion_of
 from aminn_table.read import read_rough
 
@@ -124,6 +127,37 @@ def test_columns_that_are_empty_in_every_row_are_left_out(lab_hand: Hand, pushes
     names += [f"theta_{p}" for p in Theta(lab_hand).names]
     read = read_table(cells(lab_hand, pushes, tmp_path / "p.csv", {n: [""] * 24 for n in names}), lab_hand)
     assert set(read) == set(pushes)
+
+
+def test_how_programs_say_that_a_cell_is_empty(lab_hand: Hand, pushes: Arrays, tmp_path: Path) -> None:
+    """Nulls of Parquet; NaN, None and the like in a data frame's columns of objects."""
+    write_table(tmp_path / "p.parquet", lab_hand, pushes)
+    table, n = pq.read_table(tmp_path / "p.parquet"), len(pushes["q"])
+    table = table.append_column("friction", pa.nulls(n))
+    table = table.append_column("friction_class", pa.array(["mid", None] * (n // 2)))
+    pq.write_table(table, tmp_path / "p.parquet")
+    wanted = np.where(np.arange(n)[:, None] % 2, 0.0, FRICTION_CLASSES["mid"])
+    np.testing.assert_array_equal(read_table(tmp_path / "p.parquet", lab_hand, LABELLED)["friction"], wanted)
+    columns = {name: column.to_numpy() for name, column in zip(table.column_names, table.columns, strict=True)}
+
+    class NaType:
+        """pandas.NA: neither a number nor equal to itself."""
+
+        def __str__(self) -> str:
+            return "<NA>"
+
+        def __eq__(self, other: object) -> bool:
+            raise TypeError("boolean value of NA is ambiguous")
+
+    for empty in (None, float("nan"), np.nan, NaType()):
+        columns["friction_class"] = np.array(["mid", empty] * (n // 2), object)
+        columns["friction"] = np.array([empty] * n, object)
+        columns["tool_weight_x"] = np.array([empty, 0.5] * (n // 2), object)
+        columns |= {"tool_weight_y": columns["tool_weight_x"], "tool_weight_z": columns["tool_weight_x"]}
+        rough = read_rough(from_columns("frame", columns), lab_hand)
+        assert not rough.faults and not rough.bad.any()
+        np.testing.assert_array_equal(rough.arrays["friction"], wanted)
+        np.testing.assert_array_equal(rough.arrays["tool_weight"][:, 0], np.arange(n) % 2)
 
 
 CELLS: dict[str, tuple[dict[str, list[str]], str]] = {

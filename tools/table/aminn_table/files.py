@@ -101,13 +101,25 @@ def _values_of(source: str, name: str, values: list) -> NDArray:
 def from_columns(source: str, columns: Mapping[str, ArrayLike]) -> Raw:
     """Columns that a program has."""
     found = {str(name): np.asarray(values) for name, values in columns.items()}
-    found = {name: v.astype(object) if v.dtype.kind in "US" else v for name, v in found.items()}
+    found = {name: _texts(v) if v.dtype.kind in "USO" else v for name, v in found.items()}
     if odd := [name for name, v in found.items() if v.ndim != 1]:
         raise AminnError(f"{source}: {odd[0]} has shape {found[odd[0]].shape}, expected a number a row")
     if len({len(v) for v in found.values()}) > 1:
         lengths = ", ".join(f"{k} {len(v)}" for k, v in found.items())
         raise AminnError(f"{source}: columns have different lengths: {lengths}")
     return Raw(source, found, Rows.counted(len(next(iter(found.values()), ()))))
+
+
+NOTHING = ("None", "nan", "NaT", "<NA>")
+"""How data frames say that a cell is empty, as text."""
+
+
+def _texts(values: NDArray) -> NDArray:
+    """Cells of any kind, those that are empty None."""
+    flat = [None if not isinstance(v, str) and str(v) in NOTHING else v for v in values.ravel().tolist()]
+    out = np.empty(values.size, object)
+    out[:] = flat
+    return out.reshape(values.shape)
 
 
 def _read_csv(path: str, content: bytes) -> Raw:
@@ -148,7 +160,9 @@ def _read_parquet(path: str, content: bytes) -> Raw:
         table = pq.read_table(pa.BufferReader(content))
         names = table.column_names
         for name, column in zip(names, table.columns, strict=True):
-            if not _is_text(column.type) and not _is_number(column.type):
+            if pa.types.is_null(column.type):
+                columns[name] = np.full(table.num_rows, np.nan)
+            elif not _is_text(column.type) and not _is_number(column.type):
                 strange.append(Fault(name, f"holds {column.type}, expected one number a row"))
             elif _is_text(column.type):
                 columns[name] = np.array(column.to_pylist(), object)
