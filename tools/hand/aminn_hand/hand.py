@@ -185,12 +185,12 @@ class Dims:
     """Of an exported model: its head gives how much each contact resists twisting, of soft fingertips."""
     factors: int = 0
     """Of a told model: how many factors of theta its networks see; 0 in one that sees none."""
-    slides: bool = False
-    """Of a model whose contacts may slide: its head gives each contact's friction and preload."""
     stiff: int = 0
     """Of an exported model: how many of theta's factors are on springs, servos and tendons."""
     sensing: int = 0
     """Of a model with optional sensors: how many numbers of them its networks see (`sensed`); 0 in one without."""
+    slides: bool = False
+    """Of a model whose contacts may slide: its head gives each contact's friction and preload."""
 
     @property
     def state(self) -> int:
