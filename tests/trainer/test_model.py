@@ -87,9 +87,7 @@ def test_learned_contact_compliance_starts_at_the_constant_and_is_exported(datas
     assert export_tables(load_checkpoint(tmp_path)).meta["eps_m"] == pytest.approx([3e-5, 6e-5])
 
 
-@pytest.mark.parametrize(
-    "options", [{"slip": True}, {"soft_finger": True}, {"heads_see_wrench": False}, {"heads": "free"}], ids=str
-)
+@pytest.mark.parametrize("options", [{"soft_finger": True}, {"heads_see_wrench": False}, {"heads": "free"}], ids=str)
 def test_options_give_finite_predictions_without_energy(dataset: Dataset, options: dict, tmp_path: Path) -> None:
     x = dataset.inputs()
     model = Aminn(ModelConfig(**options), HAND)

@@ -111,8 +111,6 @@ class ModelConfig:
     """Contacts hold whatever they carry ("none", the paper's layer), or slide where friction is used up ("secant")."""
     motion_limits: tuple[Scale, Scale] = (0.010, 0.35)
     """Motions are cut to these bounds where contacts slide, m and rad: those of a grasp that holds."""
-    slip: bool = False
-    """Contacts soften along their tangent planes where pass 1 uses up their friction; not exported."""
     log_range: Annotated[float, Field(gt=0, le=20)] = 2.0
     """Cholesky diagonals, gains and alpha stay within exp(+-log_range) of their nominal values, twist within twice."""
     wrench_log_scale: Annotated[tuple[float, ...], AfterValidator(_wrench_scale)] = (0.1, 0.1, 0.1, 0.005, 0.005, 0.005)

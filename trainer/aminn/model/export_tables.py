@@ -74,9 +74,7 @@ def _whole_head(backbone: Backbone, part: str) -> Tensor:
 
 def _check_exportable(checkpoint: Checkpoint, config: ModelConfig) -> None:
     """Raises AminnError for options that the exported forms do not have."""
-    extra = ["slip"] if config.slip else []
-    if config.friction != "none":
-        extra.append(f'friction = "{config.friction}"')
+    extra = [f'friction = "{config.friction}"'] if config.friction != "none" else []
     if not config.heads_see_wrench:
         extra.append("heads_see_wrench = false")
     if extra:

@@ -40,9 +40,8 @@ class Extras(NamedTuple):
 
     eps_m: Tensor | None = None  # (), (B) or (N, B) contact compliance, m/N, in place of the constant
     twist: Tensor | None = None  # (N, B) stiffness of each contact about its normal (soft finger), N.m/rad
-    slip: Tensor | None = None  # (N, B, 2) friction coefficient, and compliance gained once it is used up, m/N
-    normal: Tensor | None = None  # (N, B, 3) contact normals, for twist, slip and friction
-    normal_force: Tensor | None = None  # (N, B) before the load, N, for slip and friction
+    normal: Tensor | None = None  # (N, B, 3) contact normals, for twist and friction
+    normal_force: Tensor | None = None  # (N, B) before the load, N, with friction
     friction: Tensor | None = None  # (N, B) coefficients: contacts may slide
     preload: Tensor | None = None  # (N, B, 3) tangential force on each contact before the load, N, with friction
 
@@ -222,9 +221,7 @@ def two_pass(
         k_tendon = (gain * gate * d)[:, None] * d  # (C, C, B, N)
     else:
         gate, k_tendon = torch.zeros_like(gain), torch.zeros_like(k_spring)
-    if extras.slip is not None:
-        softness = softness + _slip_softness(force, *as_last(dtype, extras.slip, extras.normal, extras.normal_force))
-    if any(gated) or extras.slip is not None:
+    if any(gated):
         k, x, _, force, tip = _Statics.apply(k_spring + k_tendon, softness, *rest)
     k_stuck, slid = k, Slide(*(torch.zeros_like(c),) * 4)
     friction, preload = torch.zeros_like(c), torch.zeros_like(force)
@@ -258,21 +255,6 @@ def _twist_stiffness(twist: Tensor, normal: Tensor, c: Tensor, length_m: float) 
     """A soft finger's stiffness about its normal as part of the scaled K_x: (6, 6, N) from (B, N) and (3, B, N)."""
     about = (c * twist * normal)[:, None] * normal / length_m**2  # (3, 3, B, N)
     return torch.nn.functional.pad(about.sum(2), (0, 0, 3, 0, 3, 0))
-
-
-def _slip_softness(force: Tensor, slip: Tensor, normal: Tensor, normal_force: Tensor) -> Tensor:
-    """Compliance (3, 3, B, N) that contacts gain along their tangent planes as the load uses up their friction.
-
-    force (3, B, N) is what pass 1 adds to each contact, slip (2, B, N) a friction coefficient and a compliance (m/N).
-    """
-    friction, compliance = slip
-    along = (force * normal).sum(0)  # (B, N)
-    tangential = force - along * normal
-    size = torch.sqrt((tangential * tangential).sum(0) + 1e-8)
-    limit = friction * torch.nn.functional.softplus(normal_force - along, beta=4.0) + 0.02
-    excess = torch.nn.functional.softplus(4.0 * (size / limit - 1)) / 4.0
-    eye = torch.eye(AXES, dtype=force.dtype)[..., None, None]
-    return compliance * excess * (eye - normal[:, None] * normal)
 
 
 def dense_stiffness(

@@ -132,10 +132,6 @@ def sensing_columns(dims: Dims, start: int = 0) -> slice:
     return slice(stop - dims.sensing, stop)
 
 
-# Centre of what the optional head predicts.
-SLIP_NOMINAL = (NOMINAL_FRICTION, 1e-3)  # 1, m/N
-
-
 PRELOAD_N = 1.0
 """Unit of the preload that the head gives."""
 
@@ -177,7 +173,6 @@ class Backbone(nn.Module):
     tendon_gain_nom: Tensor
     gate_nom: Tensor
     coord_mask: Tensor
-    slip_head: nn.Linear | None
     twist_head: nn.Linear | None
 
     def __init__(self, config: ModelConfig, mechanics: MechanicsConfig, hand: Hand) -> None:
@@ -195,12 +190,7 @@ class Backbone(nn.Module):
         self.trunk1 = nn.Linear(config.contact_width + dims.global_input, config.width)
         self.trunk2 = nn.Linear(config.width, config.width)
         self.head = _near_zero(nn.Linear(config.width, dims.head))  # start close to the nominal hand
-        extra = {
-            "slip_head": 2 * dims.branches if config.slip else 0,
-            "twist_head": dims.branches if config.twists(hand) else 0,
-        }
-        for name, size in extra.items():
-            setattr(self, name, _near_zero(nn.Linear(config.width, size)) if size else None)
+        self.twist_head = _near_zero(nn.Linear(config.width, dims.branches)) if config.twists(hand) else None
         if mechanics.learn_eps_m:
             self.eps_m_change = nn.Parameter(torch.zeros(()))  # logarithm: weight decay draws to the constant
         eps_m = nominal.eps_m if mechanics.eps_m is None else np.full(dims.branches, mechanics.eps_m)
@@ -305,11 +295,6 @@ class Backbone(nn.Module):
         if self.twist_head is not None:
             factor = torch.exp(2 * self.config.log_range * torch.tanh(self.twist_head(f)))  # (N, B)
             extras = extras._replace(twist=self._twist(x) * factor)
-        if self.slip_head is not None:
-            raw = torch.tanh(self.slip_head(f)).unflatten(-1, (2, self.dims.branches))
-            friction, compliance = raw.unbind(-2)  # (N, B) each
-            nominal = (SLIP_NOMINAL[0] * torch.exp(friction), SLIP_NOMINAL[1] * torch.exp(4 * compliance))
-            extras = extras._replace(slip=torch.stack(nominal, -1))
         return self._with_friction(extras, y, x)
 
     def _with_friction(self, extras: Extras, y: Tensor, x: dict[str, Tensor]) -> Extras:
