@@ -35,14 +35,14 @@ def test_no_run_has_the_name_of_a_baseline_or_of_another_run(
     shown = {label_of(name).lower() for name in (*names, *BASELINES)}
     assert len(shown) == len(names) + len(BASELINES)
     result, alone = evaluate(checkpoints, dataset), evaluate([runs["aminn"], runs["mlp"]], dataset)
-    assert len(result.table) == len(checkpoints) + 2
+    assert len(result.table) == len(checkpoints) + 3
     for name, checkpoint in zip(names, checkpoints, strict=True):
         np.testing.assert_equal(result.table[name], alone.table[checkpoint.model.kind])
     report = flat_report(result)
     assert [report[f"{b}_f1"] for b in ("analytical", "no_motion")] == [
         alone.table[b]["f1"] for b in ("analytical", "no_motion")
     ]
-    assert sum(key.endswith("_rmse_pose_all") and not key.startswith("label") for key in report) == len(checkpoints) + 2
+    assert sum(key.endswith("_rmse_pose_all") and not key.startswith("label") for key in report) == len(checkpoints) + 3
     assert report["run_mlp_f1"] == report["run_analytical_f1"] == alone.table["aminn"]["f1"] != report["mlp_f1"]
 
 
@@ -57,10 +57,11 @@ def test_page_and_table_of_runs_called_like_baselines(
     copies(runs["aminn"], tmp_path, ("mlp", "analytical"))
     words = ["--data", data_dir, "--run", tmp_path / "mlp", "--run", tmp_path / "analytical"]
     result = CliRunner().invoke(main, list(map(str, ["evaluate", *words, "--json", tmp_path / "e.json"])))
-    assert [line.split("  ")[0] for line in result.output.splitlines()[3:7]] == [
+    assert [line.split("  ")[0] for line in result.output.splitlines()[3:8]] == [
         "run mlp",
         "run analytical",
         "analytical",
+        "analytical_stick",
         "no_motion",
     ]
     assert "run_mlp_f1" in json.loads((tmp_path / "e.json").read_text())

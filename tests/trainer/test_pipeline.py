@@ -11,6 +11,8 @@ import pytest
 
 from aminn.data.dataset import Dataset, load_dataset
 from aminn.data.regimes import FRICTION_MAX, NEW_FAMILY, regimes
+from aminn.evaluation.evaluate import analytical
+from aminn.evaluation.metrics import pose_size
 from aminn.model.config import ModelConfig, TrainConfig
 from aminn.training.train import train
 from aminn_app import study
@@ -58,8 +60,11 @@ def test_variants_of_a_study_differ_and_share_the_rest() -> None:
     jobs = list(study.paper_jobs(3, 2))
     learning = 2 * len(study.LEARNING) * len(study.FRACTIONS)
     assert len({job.name for job in jobs}) == len(jobs) == 3 * len(study.VARIANTS) + learning
-    assert jobs[0].config == replace(study.BASE, seed=0)
-    assert jobs[1].config == replace(jobs[0].config, kind="mlp", weight_decay=study.BASELINE.weight_decay)
+    first = {job.variant: job.config for job in jobs[: len(study.VARIANTS)]}
+    assert first["aminn"] == replace(study.BASE, seed=0) and first["aminn"].model.friction == "secant"
+    assert first["mlp"] == replace(first["aminn"], kind="mlp", weight_decay=study.BASELINE.weight_decay)
+    assert first["paper_layer"].model == replace(first["aminn"].model, friction="none")
+    assert {model for pair in study.PAIRS for model in pair} == set(study.VARIANTS)
 
 
 def test_a_study_makes_a_whole_table_of_one_seed_first() -> None:
@@ -188,3 +193,14 @@ def test_a_data_set_without_the_held_out_family_is_refused(dataset: Dataset) -> 
     other = replace(dataset, manifest=dataset.manifest | {"tool_families": ["capsule", "cylinder", "cup", "box"]})
     with pytest.raises(AminnError, match="no ellipsoid among its tools"):
         regimes(other)
+
+
+def test_the_analytical_model_slides_and_stands_beside_one_that_does_not(dataset: Dataset) -> None:
+    """The made-up loads use up the friction of many contacts: those give way, and no other."""
+    test, validation = dataset.split("test"), dataset.split("validation")
+    slides, sticks = (analytical(test, validation, name) for name in ("analytical", "analytical_stick"))
+    further = pose_size(slides.dx, test.hand.length_m) / pose_size(sticks.dx, test.hand.length_m)
+    assert further.max() > 1.5
+    assert 0 < np.isclose(further, 1, rtol=1e-6).mean() < 1
+    work = (test.samples["w_e"] * slides.dx).sum(1)
+    assert (work > 0).all() and np.linalg.norm(slides.dx[:, :3], axis=1).max() <= 0.01 * (1 + 1e-6)

@@ -229,7 +229,7 @@ def test_the_formula_stands_beside_the_runs_with_theta_and_without(
     varied: Dataset, told: dict[str, Checkpoint], dataset: Dataset, runs: dict[str, Checkpoint]
 ) -> None:
     table = evaluate(list(told.values()), varied).table
-    assert list(table) == ["aminn", "mlp", "analytical", "analytical_nominal", "no_motion"]
+    assert list(table) == ["aminn", "mlp", "analytical", "analytical_stick", "analytical_nominal", "no_motion"]
     known, unknown = (table[name]["relative_error_median_all"] for name in ("analytical", "analytical_nominal"))
     assert known < unknown
     assert "analytical_nominal" not in evaluate(list(runs.values()), dataset).table

@@ -69,13 +69,13 @@ def test_evaluation_and_its_parts(made: Made) -> None:
     """Every table; figures of gates where there are some."""
     name, data, runs = made
     result = evaluate(list(runs.values()), data)
-    assert set(result.table) == {"aminn", "mlp", "analytical", "no_motion"}
+    assert set(result.table) == {"aminn", "mlp", "analytical", "analytical_stick", "no_motion"}
     assert result.table["aminn"]["passivity_violation_full"] == 0
     seen = learned(runs["aminn"], data, "aminn")
     has_gates = HANDS[name].dims.gates > 0
     assert ("gate_auroc" in gate_figures(seen, data)) == has_gates
     assert any(key.startswith("tendons_") for key in breakdown(seen, data)) == has_gates
-    assert np.isfinite(noise_figures(runs["aminn"], data)["noise1"]["relative_error_median"])
+    assert np.isfinite(noise_figures(runs["aminn"], data)["noise1"]["relative_error_median_all"])
 
 
 def test_explanation_names_each_joint(made: Made) -> None:

@@ -25,8 +25,8 @@ SETS = {
     "new_friction": "new friction",
     "larger_loads": "larger loads",
 }
-TRAINED = {"aminn": "AMINN", "mlp": "MLP", "mlp_norm": "MLP, plain norms"}
-MODELS = TRAINED | {"analytical": "analytical", "no_motion": "no motion"}
+TRAINED = {"aminn": "AMINN", "paper_layer": "AMINN, paper's layer", "mlp": "MLP", "mlp_norm": "MLP, plain norms"}
+MODELS = TRAINED | {"analytical": "analytical", "analytical_stick": "the same, no sliding", "no_motion": "no motion"}
 INPUTS = {"": "nothing", "class_weight": "class and weight", "friction_weight": "friction and weight"}
 """What optional sensors told."""
 
@@ -178,12 +178,12 @@ RATIOS = ("all stable", "stuck", "slid", "relative, median", "p90", "over 0.01",
 def ratios(study: Study) -> str:
     """AMINN's figures against other models' on new grasps, with the interval of the bootstrap; F1 as a difference."""
     rows = []
+    others = [model for model in TRAINED if model != "aminn"]
     for inputs, text in INPUTS.items():
-        for other in (model for model in TRAINED if model != "aminn"):
+        for other in others:
             row = study.row("iid", against("aminn", other), inputs=inputs)
             cells = [_between(row, COLUMNS[c][0], "{:.2f}") for c in RATIOS]
-            first = text if other == "mlp" else ""
-            rows.append([first, TRAINED[other], *cells, _between(row, "f1", "{:+.4f}")])
+            rows.append([text if other == others[0] else "", TRAINED[other], *cells, _between(row, "f1", "{:+.4f}")])
     return _table(["told", "to", *RATIOS, "F1, difference"], rows)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import torch
@@ -82,11 +83,18 @@ ALL = "all"
 SPLIT_NAMES = {ALL: "data set"}
 BASELINES = {
     "analytical": "analytical",
+    "analytical_stick": "analytical, no sliding",
     "analytical_nominal": "analytical, theta unknown",
     "no_motion": "no motion",
     "label": "ground truth",
 }
 """What stands beside the runs in every table, and how pages call it. No run has one of these names."""
+FORMULAS: dict[str, tuple[bool, Literal["none", "secant"]]] = {
+    "analytical": (True, "secant"),
+    "analytical_stick": (True, "none"),
+    "analytical_nominal": (False, "secant"),
+}
+"""Analytical models: whether theta is known to them, and whether contacts slide."""
 KIND_NAMES = {"aminn": "AMINN", "mlp": "MLP"}
 
 
@@ -136,12 +144,15 @@ def learned(checkpoint: Checkpoint, data: Dataset, name: str) -> Prediction:
     )
 
 
-def analytical(data: Dataset, validation: Dataset, config: ModelConfig | None = None, known: bool = True) -> Prediction:
-    """Nominal springs, tendons taut, nothing learned; with the data's theta, if they have it and it is `known`.
+def analytical(data: Dataset, validation: Dataset, name: str = "analytical") -> Prediction:
+    """Nominal springs, tendons taut, nothing learned; contacts slide at nominal friction and without preload.
 
-    Calls a grasp stable when the predicted motion is below a bound chosen on validation data by the same rule as tau.
+    One of `FORMULAS`: with the data's theta, if they have it, or without; and with contacts that hold whatever they
+    carry. Calls a grasp stable when the predicted motion is below a bound chosen on validation data by the same rule as
+    tau.
     """
-    config = config or ModelConfig()
+    known, friction = FORMULAS[name]
+    config = ModelConfig(friction=friction)
     backbone = Backbone(config, config.mechanics[1], data.hand)
 
     def motion(part: Dataset) -> tuple[Array, Array]:
@@ -156,13 +167,13 @@ def analytical(data: Dataset, validation: Dataset, config: ModelConfig | None = 
     error_v = pose_error(dx_v, validation.samples["dx_ht"], data.hand.length_m)
     bound = choose_tau(score_v, validation.samples["stable"] > 0, error_v)
     dx, score = motion(data)
-    return Prediction("analytical" if known else "analytical_nominal", dx, score >= bound)
+    return Prediction(name, dx, score >= bound)
 
 
 def baselines(data: Dataset, validation: Dataset) -> list[Prediction]:
-    """What stands beside the runs: the analytical model, where the data have theta also without it, and no motion."""
-    formulas = [analytical(data, validation, known=known) for known in (True, False) if known or data.has_theta]
-    return [*formulas, no_motion(data)]
+    """What stands beside the runs: the analytical models, where the data have theta also without it, and no motion."""
+    names = [name for name, (known, _) in FORMULAS.items() if known or data.has_theta]
+    return [*(analytical(data, validation, name) for name in names), no_motion(data)]
 
 
 def no_motion(data: Dataset) -> Prediction:
