@@ -26,6 +26,7 @@ from aminn.evaluation.predict import predict, predict_states
 from aminn.hand.symmetry import Reflection
 from aminn.model.checkpoint import Checkpoint
 from aminn.model.config import ModelConfig, SensorDraws, TrainConfig
+from aminn.model.network import Aminn
 from aminn.training.train import model_config, train
 from aminn_app.cli import main
 from aminn_base.errors import AminnError
@@ -403,6 +404,21 @@ def test_mirror_images_of_sensors(name: str, tmp_path: Path) -> None:
         source = mirror.tendons[t]
         assert names[source] == (h.mirror.branches[branch], arm)
         assert torch.equal(image["tendon_tension"][:, 1 + t], x["tendon_tension"][:, 1 + source])
+
+
+@pytest.mark.parametrize("name", [name for name, h in HANDS.items() if h.mirror is not None])
+def test_contacts_that_slide_do_so_in_the_mirror_too(name: str, tmp_path: Path) -> None:
+    """Friction and the preload that follows from the tool's weight: the response to an image is the image of it."""
+    h = HANDS[name]
+    write_dataset(tmp_path / "data", grasps=6, of=h)
+    mirror, data = Reflection(h), load_dataset(tmp_path / "data")
+    x = replace(data, samples=data.samples | truth(data)).inputs(torch.float64)
+    x["tool_weight"] = x["tool_weight"] * torch.tensor([1.0, 5, 5, 5])
+    backbone = Aminn(ModelConfig(sensors=True, friction="secant"), h).double().stage2.backbone
+    response, image = backbone.nominal_response(x), backbone.nominal_response(mirror.inputs(x))
+    torch.testing.assert_close(image.dx, mirror.motion(response.dx), rtol=1e-4, atol=1e-7)
+    weightless = backbone.nominal_response({k: v for k, v in x.items() if k != "tool_weight"})
+    assert not torch.allclose(weightless.friction_use, response.friction_use, rtol=1e-2)
 
 
 def test_a_tendon_without_an_image_is_named() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from aminn_sim.config import SimulationConfig
 
 HAND = hand()
 DIMS = HAND.dims
+KINDS = ("aminn", "sliding", "mlp")
 
 
 def test_sizes_follow_from_the_hand() -> None:
@@ -96,9 +98,11 @@ def known(n: int = 6, seed: int = 0) -> dict[str, Tensor]:
 
 
 def sensing_model(kind: str, sensors: bool = True) -> Aminn | Mlp:
-    """An untrained model in float64 whose heads are far enough from zero to see what its networks see."""
+    """An untrained model of `KINDS` in float64, whose heads are far enough from zero to see what its networks see."""
     torch.manual_seed(0)
-    model = build_model(kind, ModelConfig(sensors=sensors), HAND).double().eval()
+    friction: Literal["secant", "none"] = "secant" if kind == "sliding" else "none"
+    config = ModelConfig(sensors=sensors, friction=friction)
+    model = build_model("mlp" if kind == "mlp" else "aminn", config, HAND).double().eval()
     if isinstance(model, Aminn):
         for backbone in (model.stage1.backbone, model.stage2.backbone):
             torch.nn.init.normal_(backbone.head.weight, std=0.3)
@@ -115,7 +119,7 @@ def test_networks_see_in_pytorch_what_they_see_elsewhere() -> None:
         np.testing.assert_allclose(told_friction(x | given), told, rtol=1e-12)
 
 
-@pytest.mark.parametrize("kind", ["aminn", "mlp"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_absent_is_not_zero(kind: str) -> None:
     """Nothing given is known 0; a weight of zero newtons is something known."""
     x, model = inputs(), sensing_model(kind)
@@ -131,7 +135,7 @@ def test_absent_is_not_zero(kind: str) -> None:
     assert not torch.equal(weightless["dx_ht"], nothing["dx_ht"])
 
 
-@pytest.mark.parametrize("kind", ["aminn", "mlp"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_model_without_sensors_takes_them_without_effect(kind: str) -> None:
     x, model = inputs(), sensing_model(kind, sensors=False)
     plain, told = model(**x), model(**x, **known())
@@ -144,6 +148,15 @@ def test_both_kinds_keep_one_budget_with_sensors() -> None:
     aminn, mlp = (sensing_model(kind) for kind in ("aminn", "mlp"))
     for stage in ("stage1", "stage2"):
         assert abs(n_parameters(getattr(mlp, stage)) / n_parameters(getattr(aminn, stage)) - 1) < 0.02
+
+
+def test_nothing_that_is_told_creates_energy() -> None:
+    x, model = inputs(200), sensing_model("sliding")
+    for seed in range(3):
+        s = known(200, seed)
+        out = model(**x, **s | {"friction": s["friction"] * 10.0 ** torch.tensor([0, -3 + 2 * seed, 0])})
+        assert all(value.isfinite().all() for value in out.values())
+        assert ((x["w_e"] * out["dx_ht"]).sum(1) >= 0).all()
 
 
 def test_a_row_for_all_is_a_row_for_each_and_each_row_is_its_own() -> None:
