@@ -320,7 +320,7 @@ def _enough(data: Dataset, fraction: float) -> bool:
 @click.option("--build", type=click.Path(path_type=Path, file_okay=False), default=Path("build"), show_default=True)
 @click.option("--seeds", type=click.IntRange(1), default=5, show_default=True, help="Runs of each variant.")
 @click.option(
-    "--curve-seeds", type=click.IntRange(0), default=2, show_default=True, help="The same of the learning curve."
+    "--curve-seeds", type=click.IntRange(0), default=5, show_default=True, help="The same of the learning curve."
 )
 @click.option("--jobs", type=click.IntRange(1), default=None, help="Runs side by side.  [default: all cores]")
 def main(study: str, data: Path, build: Path, seeds: int, curve_seeds: int, jobs: int | None) -> None:
