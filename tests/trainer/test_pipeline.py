@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from aminn.data.dataset import Dataset, load_dataset
 from aminn.data.regimes import FRICTION_MAX, NEW_FAMILY, regimes
@@ -17,6 +18,7 @@ from aminn.model.config import ModelConfig, TrainConfig
 from aminn.training.train import train
 from aminn_app import study
 from aminn_app.paper_table import TABLES, aims_report, filled, further_aims, main_aims, write_tables
+from aminn_app.paper_table import main as tables
 from aminn_app.pipeline import anew_if_outdated
 from aminn_app.records import Row, Study, over_seeds
 from aminn_base.errors import AminnError, InUseError, WriteError
@@ -204,3 +206,25 @@ def test_the_analytical_model_slides_and_stands_beside_one_that_does_not(dataset
     assert 0 < np.isclose(further, 1, rtol=1e-6).mean() < 1
     work = (test.samples["w_e"] * slides.dx).sum(1)
     assert (work > 0).all() and np.linalg.norm(slides.dx[:, :3], axis=1).max() <= 0.01 * (1 + 1e-6)
+
+
+def test_the_command_leaves_a_report_with_its_aims(data_dir: Path, tmp_path: Path, monkeypatch) -> None:
+    def jobs(seeds: int, curve_seeds: int) -> list[study.Job]:
+        assert (seeds, curve_seeds) == (1, 0)
+        return [study.Job(kind, TrainConfig(kind=kind, epochs=1)) for kind in ("aminn", "mlp")]
+
+    monkeypatch.setitem(study.JOBS, "paper", jobs)
+    words = ["paper", "--data", data_dir, "--build", tmp_path, "--seeds", 1, "--curve-seeds", 0, "--jobs", 1]
+    result = CliRunner().invoke(study.main, list(map(str, words)))
+    assert result.exit_code == 0, result.output
+    report = json.loads((tmp_path / "reports" / "paper.json").read_text())
+    assert report["runs"] == report["runs_planned"] == 2
+    assert (
+        0 < report["aims_missed"] <= report["aims"]
+        and report["aims_missed_which"].count(";") == report["aims_missed"] - 1
+    )
+    assert "new grasps" in (tmp_path / "reports" / "paper.md").read_text() and "| 2 of 2 |" in result.output
+    document = tmp_path / "page.md"
+    document.write_text("<!-- table: bounds -->\n<!-- end of table -->\n")
+    result = CliRunner().invoke(tables, [str(document), "--studies", str(tmp_path / "studies")])
+    assert result.exit_code == 0 and "| no | 0.960 |" in document.read_text()
