@@ -36,6 +36,7 @@ from aminn_hand.sensors import CLASS_NAMES, FRICTION_CLASSES, class_of
 HAND = hand()
 SENSORS = tuple(HAND.dims.sensors)
 SENSING = ModelConfig(sensors=True)
+BLIND = TrainConfig(epochs=1, model=ModelConfig(sensors=False))
 
 
 def rowwise(data: Dataset, name: str) -> np.ndarray:
@@ -189,6 +190,12 @@ def sensing(dataset: Dataset, tmp_path_factory: pytest.TempPathFactory) -> dict[
     return {kind: train(replace(config, kind=kind), slippery(dataset), folder / kind) for kind in ("aminn", "mlp")}
 
 
+@pytest.fixture(scope="module")
+def blind(dataset: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Checkpoint:
+    """A run without sensors."""
+    return train(BLIND, dataset, tmp_path_factory.mktemp("blind") / "run")
+
+
 def test_one_model_is_better_the_more_it_is_told(dataset: Dataset, sensing: dict[str, Checkpoint]) -> None:
     data = slippery(dataset)
     test = data.split("test")
@@ -215,14 +222,14 @@ def test_the_same_seed_gives_the_same_weights_and_draws_matter(dataset: Dataset,
 def test_training_without_sensors_is_as_it_was(dataset: Dataset, tmp_path: Path) -> None:
     """Told data and other draws change nothing in a model that has no sensors."""
     told = sensed(dataset, PRESETS["all"])
-    plain = train(TrainConfig(epochs=1), dataset, tmp_path / "plain").path / "model.safetensors"
-    other = train(TrainConfig(epochs=1, sensing=SensorDraws(friction=1)), told, tmp_path / "other").path
+    plain = train(BLIND, dataset, tmp_path / "plain").path / "model.safetensors"
+    other = train(replace(BLIND, sensing=SensorDraws(friction=1)), told, tmp_path / "other").path
     assert (other / "model.safetensors").read_bytes() == plain.read_bytes()
 
 
 def test_where_sensors_come_from(dataset: Dataset, tmp_path: Path) -> None:
     unsaid = ModelConfig(sensors=None)
-    assert model_config(unsaid, dataset).sensors is True and model_config(ModelConfig(), dataset).sensors is False
+    assert model_config(unsaid, dataset).sensors is True and model_config(BLIND.model, dataset).sensors is False
     none = measured_data(tmp_path / "none", dataset, {})
     assert model_config(unsaid, none).sensors is False
     with pytest.raises(AminnError, match=r"model\.sensors = true, but the training data tell none of friction, tool_w"):
@@ -310,7 +317,7 @@ def call(*args: object) -> Result:
 
 
 def test_the_command_says_what_models_are_told(
-    data_dir: Path, sensing: dict[str, Checkpoint], runs: dict[str, Checkpoint], tmp_path: Path
+    data_dir: Path, sensing: dict[str, Checkpoint], blind: Checkpoint, tmp_path: Path
 ) -> None:
     words = ("evaluate", "--data", data_dir, "--run", sensing["aminn"].path, "--split", "all")
     figures = {}
@@ -321,8 +328,8 @@ def test_the_command_says_what_models_are_told(
     assert figures["nothing"]["aminn_auroc"] != figures["class+weight"]["aminn_auroc"]
     assert "told of the load cases: friction of 100%, tool_weight of 100%" in figures["class+weight"]["notes"]
     assert "told of" not in figures["nothing"]["notes"]
-    result = call(*words, "--run", runs["aminn"].path, "--sensors", "friction")
-    assert f"{runs['aminn'].path} was trained without sensors, and sees none" in " ".join(result.output.split())
+    result = call(*words, "--run", blind.path, "--sensors", "friction")
+    assert f"{blind.path} was trained without sensors, and sees none" in " ".join(result.output.split())
     result = call(*words, "--sensors", "mood")
     assert result.exit_code == 1 and "sensors 'mood': expected nothing, all, or some of" in result.output
     explained = [
@@ -332,8 +339,8 @@ def test_the_command_says_what_models_are_told(
     assert "p_stable" in explained[0] and explained[0] != explained[1]
 
 
-def test_the_card_names_the_sensors(sensing: dict[str, Checkpoint], runs: dict[str, Checkpoint]) -> None:
-    card, plain = ((c["mlp"].path / "card.md").read_text() for c in (sensing, runs))
+def test_the_card_names_the_sensors(sensing: dict[str, Checkpoint], blind: Checkpoint) -> None:
+    card, plain = ((run.path / "card.md").read_text() for run in (sensing["mlp"], blind))
     assert "| optional sensors | friction (known of 60%), tool_weight (known of 50%), tendon_tension" in card
     assert "| optional sensors | none |" in plain and "Friction is not an input" in plain
     assert "Where friction is not told" in card
