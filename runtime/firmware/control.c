@@ -65,9 +65,9 @@ int run_control(const char *frames)
     SYST_CVR = 0;
     for (i = 0; i < header.n; ++i) {
         aminn_input_t frame;
-        float theta[AMINN_N_THETA]; /* not used here */
+        float other[AMINN_N_THETA + AMINN_N_SENSOR]; /* not used here */
         if (semihost_read(file, &frame, sizeof frame) != 0 ||
-            semihost_read(file, theta, vector_n_theta(&header) * sizeof *theta) != 0) {
+            semihost_read(file, other, (vector_sample(&header) - VECTOR_N_IN) * sizeof *other) != 0) {
             return fail(frames, "cannot read");
         }
         control_tick(&frame, &b);

@@ -19,7 +19,7 @@ static const limits_t limits = {1e-3F, 0.5F, 0.05F};
 
 static int read_sample(int file, const vector_header_t *header, uint32_t i, trial_t *sample)
 {
-    const uint32_t input = (VECTOR_N_IN + vector_n_theta(header)) * 4u;
+    const uint32_t input = vector_sample(header) * 4u;
     const uint32_t inputs = (uint32_t)sizeof *header, outputs = inputs + header->n * input;
     return semihost_seek(file, inputs + i * input) != 0 ||
            semihost_read(file, &sample->before, sizeof sample->before) != 0 ||

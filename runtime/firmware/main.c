@@ -80,6 +80,9 @@ static const char *check_vectors(vector_header_t *header)
         return "has a theta for each sample, which this image's model is not told";
     }
 #endif
+    if (vector_n_sensor(header) != 0) {
+        return "has sensors for each sample, which this image's model does not see";
+    }
     while (left > 0) {
         const uint32_t n = left < sizeof chunk ? left : (uint32_t)sizeof chunk;
         if (semihost_read(vectors_file, chunk, n) != 0) {

@@ -18,7 +18,7 @@
 #define UART_BAUDDIV (*(volatile uint32_t *)(UART_BASE + 0x10u))
 
 enum { TX_FULL = 1u, RX_FULL = 2u, TX_RX_ENABLE = 3u, BAUD_DIVIDER = 217 /* 25 MHz / 115200 */ };
-enum { PROTOCOL = 2, KIND_REFUSED = 0, KIND_IDENTITY = 1, KIND_PREDICT = 2 };
+enum { PROTOCOL = 3, KIND_REFUSED = 0, KIND_IDENTITY = 1, KIND_PREDICT = 2 };
 enum { REFUSED_DAMAGED = 1, REFUSED_VERSION = 2, REFUSED_KIND = 3 };
 /* Silence within a frame after which it counts as broken off: a fifth of a second of the boards' clock. */
 enum { SILENCE_TICKS = 25000000 / 5 };
@@ -30,7 +30,7 @@ typedef struct frame_header {
 } frame_header_t;
 
 typedef struct identity {
-    char name[56], hand[56], made_by[40], library[16];
+    char name[56], hand[56], made_by[44], library[16];
     uint8_t checkpoint_sha256[32], data_sha256[32];
     uint32_t format_version, content_crc;
     float tau;

@@ -146,13 +146,14 @@ typedef char aminn_compile_without_fpack_struct[sizeof(struct aminn_layout) == 2
 #define AMINN_VERSION_STRING "0.1.0"
 
 /* Version of the model's layout, in memory and as a blob. A model of another version is refused. */
-#define AMINN_FORMAT_VERSION 8u
+#define AMINN_FORMAT_VERSION 9u
 
 /* ---- Dimensions ------------------------------------------------------------------------------------------------ */
 
-/* AMINN_N_BRANCH, AMINN_N_COORD, AMINN_N_JOINT, AMINN_N_GATED, AMINN_N_TWIST and AMINN_N_STIFF are the hand's (aminn_hand.h).
- * In comments B, C and J stand for the first three, S for the last. */
-#ifndef AMINN_N_STIFF
+/* AMINN_N_BRANCH, AMINN_N_COORD, AMINN_N_JOINT, AMINN_N_GATED, AMINN_N_TWIST, AMINN_N_STIFF and AMINN_N_TENDON are the hand's,
+ * AMINN_N_SLIDE says which layer its models have (aminn_hand.h). In comments B, C and J stand for the first three, S for
+ * AMINN_N_STIFF, T for AMINN_N_TENDON. */
+#if !defined(AMINN_N_STIFF) || !defined(AMINN_N_TENDON) || !defined(AMINN_N_SLIDE)
 #error "aminn_hand.h is of an earlier version: export the model again, which writes it"
 #endif
 #ifndef AMINN_N_TWIST
@@ -166,37 +167,46 @@ typedef char aminn_compile_without_fpack_struct[sizeof(struct aminn_layout) == 2
  * factor. The mechanics head corrects it, and where the hand has gates also the tendons: direction, gain, alpha, beta, rho.
  * Rows of the head's weights end with zeros, so that 8 weights that are loaded together lie in one line of a processor's
  * cache. In a row the numbers of all branches stand side by side, in this order: diagonal C, gain, alpha, twist, entries below
- * the diagonal C (C - 1) / 2, direction C, beta, rho; without gates: diagonal, twist, entries below it. Only soft fingertips
- * have a twist, what they resist of it about the normal of their contact. */
+ * the diagonal C (C - 1) / 2, friction, direction C, beta, rho, preload 3; without gates: diagonal, twist, entries below it,
+ * friction, preload. Only soft fingertips have a twist, what they resist of it about the normal of their contact; only contacts
+ * that can slide have friction and preload. */
 #define AMINN_N_CHOLESKY (AMINN_N_COORD * (AMINN_N_COORD + 1) / 2)           /* 6 */
 #define AMINN_N_BRANCH_FEATURE (AMINN_N_CONTACT_FEATURE + 3 * AMINN_N_COORD) /* 17 */
 #define AMINN_N_CONTACT_INPUT (AMINN_N_BRANCH * AMINN_N_BRANCH_FEATURE)      /* 51 */
 #define AMINN_N_GLOBAL_INPUT (AMINN_N_JOINT + 3 * AMINN_N_WRENCH)            /* 26 */
 #define AMINN_N_BRANCH_HEAD \
-    (AMINN_N_CHOLESKY + (AMINN_N_GATED > 0) * (AMINN_N_COORD + 4) + (AMINN_N_TWIST > 0))              /* 13 */
-#define AMINN_N_HEAD (AMINN_N_BRANCH * AMINN_N_BRANCH_HEAD)                                           /* 39 */
-#define AMINN_N_HEAD_STORED ((AMINN_N_HEAD + 7) / 8 * 8)                                              /* 40 */
-#define AMINN_N_AUX (2 * AMINN_N_WRENCH + (AMINN_N_GATED > 0) * AMINN_N_BRANCH)                       /* 15 */
-#define AMINN_N_STATE (AMINN_N_JOINT + 2 * AMINN_N_WRENCH + AMINN_N_BRANCH * AMINN_N_CONTACT_FEATURE) /* 44 */
-#define AMINN_N_INPUT (AMINN_N_STATE + AMINN_N_BRANCH * 3 * (AMINN_N_WRENCH + AMINN_N_COORD))         /* 125 */
-#define AMINN_N_OUTPUT (1 + AMINN_N_WRENCH + AMINN_N_WRENCH * AMINN_N_WRENCH + AMINN_N_BRANCH)        /* 46 */
+    (AMINN_N_CHOLESKY + (AMINN_N_GATED > 0) * (AMINN_N_COORD + 4) + (AMINN_N_TWIST > 0) + 4 * AMINN_N_SLIDE) /* 13 */
+#define AMINN_N_HEAD (AMINN_N_BRANCH * AMINN_N_BRANCH_HEAD)                                                  /* 39 */
+#define AMINN_N_HEAD_STORED ((AMINN_N_HEAD + 7) / 8 * 8)                                                     /* 40 */
+#define AMINN_N_SLID (3 * AMINN_N_SLIDE * AMINN_N_BRANCH)                                                    /* 0 */
+#define AMINN_N_AUX (2 * AMINN_N_WRENCH + (AMINN_N_GATED > 0) * AMINN_N_BRANCH + AMINN_N_SLID)               /* 15 */
+#define AMINN_N_SURE (1 + AMINN_N_SLID)                                                                      /* 1 */
+#define AMINN_N_STATE (AMINN_N_JOINT + 2 * AMINN_N_WRENCH + AMINN_N_BRANCH * AMINN_N_CONTACT_FEATURE)        /* 44 */
+#define AMINN_N_INPUT (AMINN_N_STATE + AMINN_N_BRANCH * 3 * (AMINN_N_WRENCH + AMINN_N_COORD))                /* 125 */
+#define AMINN_N_OUTPUT (3 + AMINN_N_WRENCH + AMINN_N_WRENCH * AMINN_N_WRENCH + 2 * AMINN_N_BRANCH)           /* 51 */
+
+/* Sensors that a model may be told (aminn_sensors_t): their numbers, and those that networks see of them, at the end of the
+ * global input of a model that sees them. */
+#define AMINN_N_SENSOR (3 + 4 + (AMINN_N_TENDON > 0) + AMINN_N_TENDON) /* 14 */
+#define AMINN_N_SENSED (AMINN_N_SENSOR - 1)                            /* 13 */
 
 /* Theta: by how much one hand differs from its description (aminn_calibration_t). First F factors: on stiffnesses, and on the
  * compliance of each branch's contact. A told model sees these, at the end of its global input. */
 #define AMINN_N_FACTOR (AMINN_N_STIFF + AMINN_N_BRANCH)    /* 13 */
 #define AMINN_N_THETA (AMINN_N_FACTOR + AMINN_N_JOINT + 1) /* 22 */
 #define AMINN_N_TERM (AMINN_N_CHOLESKY + 1) /* 7: of a branch what a stiffness adds to springs and gain */
-#define AMINN_N_TOLD_INPUT (AMINN_N_GLOBAL_INPUT + AMINN_N_FACTOR) /* 39 */
+#define AMINN_N_TOLD_INPUT (AMINN_N_GLOBAL_INPUT + AMINN_N_FACTOR + AMINN_N_SENSED) /* 52: at most */
 #define AMINN_N_LAST_INPUT (AMINN_N_CONTACT_INPUT > AMINN_N_TOLD_INPUT ? AMINN_N_CONTACT_INPUT : AMINN_N_TOLD_INPUT)
 
 /* The hand that the library is compiled for, as a symbol whose name tells the counts: a C model asks for that of its hand,
  * and where the library is compiled for another the linker says which one is missing. Two libraries in one program define the
  * same functions. */
-#define AMINN_JOINED(b, c, j, g, t, s) \
-    aminn_library_of_##b##_branches_##c##_coordinates_##j##_joints_##g##_gated_##t##_twisted_##s##_stiff
-#define AMINN_LIBRARY_OF(b, c, j, g, t, s) AMINN_JOINED(b, c, j, g, t, s)
-#define AMINN_LIBRARY \
-    AMINN_LIBRARY_OF(AMINN_N_BRANCH, AMINN_N_COORD, AMINN_N_JOINT, AMINN_N_GATED, AMINN_N_TWIST, AMINN_N_STIFF)
+#define AMINN_JOINED(b, c, j, g, t, s, n, l) \
+    aminn_library_of_##b##_branches_##c##_coordinates_##j##_joints_##g##_gated_##t##_twisted_##s##_stiff_##n##_tendons_##l##_slide
+#define AMINN_LIBRARY_OF(b, c, j, g, t, s, n, l) AMINN_JOINED(b, c, j, g, t, s, n, l)
+#define AMINN_LIBRARY                                                                                           \
+    AMINN_LIBRARY_OF(AMINN_N_BRANCH, AMINN_N_COORD, AMINN_N_JOINT, AMINN_N_GATED, AMINN_N_TWIST, AMINN_N_STIFF, \
+                     AMINN_N_TENDON, AMINN_N_SLIDE)
 extern const char AMINN_LIBRARY[];
 
 /* Largest contact_width, width and classifier_width that a context has room for. Define it before the library and its
@@ -273,16 +283,15 @@ typedef struct aminn_stage_model {
     const float *contact_mean;    /* (CONTACT_INPUT) [51]         normalisation of the contact input */
     const float *contact_inv_std; /* (CONTACT_INPUT) */
     const float *global_mean;     /* (GLOBAL_INPUT) [26]          normalisation of q, x_ht, w_e, signed log of w_e; */
-    const float
-        *global_inv_std;    /* (GLOBAL_INPUT)               of a told model (TOLD_INPUT) [39]: factors behind them */
-    const void *contact_w;  /* (CONTACT_INPUT x HC)         contact summary */
-    const float *contact_b; /* (HC) */
-    const void *trunk1_w;   /* (HC + GLOBAL_INPUT x H)      input: contact summary, then global state, as long */
-    const float *trunk1_b;  /* (H) */
-    const void *trunk2_w;   /* (H x H) */
-    const float *trunk2_b;  /* (H) */
-    const void *head_w;     /* (H x HEAD_STORED) [H x 40]   mechanics head: corrections for each branch, zeros */
-    const float *head_b;    /* (HEAD_STORED) */
+    const float *global_inv_std; /* (GLOBAL_INPUT)               n_told factors behind them, then n_sensed of sensors */
+    const void *contact_w;       /* (CONTACT_INPUT x HC)         contact summary */
+    const float *contact_b;      /* (HC) */
+    const void *trunk1_w;        /* (HC + GLOBAL_INPUT x H)      input: contact summary, then global state, as long */
+    const float *trunk1_b;       /* (H) */
+    const void *trunk2_w;        /* (H x H) */
+    const float *trunk2_b;       /* (H) */
+    const void *head_w;          /* (H x HEAD_STORED) [H x 40]   mechanics head: corrections for each branch, zeros */
+    const float *head_b;         /* (HEAD_STORED) */
 } aminn_stage_model_t;
 
 /* A trained model: constants and pointers to its tables. Written by `aminn export` as C source, or filled in by
@@ -298,22 +307,30 @@ typedef struct aminn_model {
     uint32_t n_gated;
     uint32_t n_twist;
     uint32_t n_stiff;
-    uint32_t n_told;               /* factors that the networks see: AMINN_N_FACTOR of a told model, else 0 */
-    uint32_t contact_width;        /* HC, 1 .. AMINN_MAX_WIDTH */
-    uint32_t width;                /* H,  1 .. AMINN_MAX_WIDTH */
-    uint32_t classifier_width;     /* HD, 1 .. AMINN_MAX_WIDTH */
-    uint32_t dq0;                  /* AMINN_DQ0_STATICS or AMINN_DQ0_INVERSE */
-    uint32_t weight_type;          /* AMINN_WEIGHTS_FLOAT32 or AMINN_WEIGHTS_FLOAT16: of the tables that end in _w */
-    uint32_t stages_crc;           /* CRC-32 of both stages' aminn_stage_debug_t for the known answer's state */
-    float length_scale;            /* makes rotations and translations comparable, m, > 0 */
-    float log_range;               /* springs stay within exp(+-log_range) of nominal, >= 0 */
-    float displacement_log_scale;  /* m, > 0 */
-    float tau;                     /* the grasp holds if p_stable >= tau, 0 .. 1 */
+    uint32_t n_tendon;
+    uint32_t n_slide;
+    uint32_t n_told;              /* factors that the networks see: AMINN_N_FACTOR of a told model, else 0 */
+    uint32_t n_sensed;            /* numbers of sensors that they see: AMINN_N_SENSED of one that sees them, else 0 */
+    uint32_t contact_width;       /* HC, 1 .. AMINN_MAX_WIDTH */
+    uint32_t width;               /* H,  1 .. AMINN_MAX_WIDTH */
+    uint32_t classifier_width;    /* HD, 1 .. AMINN_MAX_WIDTH */
+    uint32_t dq0;                 /* AMINN_DQ0_STATICS or AMINN_DQ0_INVERSE */
+    uint32_t weight_type;         /* AMINN_WEIGHTS_FLOAT32 or AMINN_WEIGHTS_FLOAT16: of the tables that end in _w */
+    uint32_t stages_crc;          /* CRC-32 of both stages' aminn_stage_debug_t for the known answer's state */
+    float length_scale;           /* makes rotations and translations comparable, m, > 0 */
+    float log_range;              /* springs stay within exp(+-log_range) of nominal, >= 0 */
+    float displacement_log_scale; /* m, > 0 */
+    float tau;                    /* the grasp holds if p_stable >= tau, 0 .. 1 */
+    float friction_nominal;       /* coefficient of friction where nothing is known of it, > 0 */
+    float max_translation;        /* a motion of contacts that can slide is cut to these, m and rad, > 0 */
+    float max_rotation;
+    float bound_edge[3];           /* bins of p_slide, ascending */
+    float bound_factor[4];         /* that bound_95 is multiplied with in each bin, > 0 */
     uint8_t checkpoint_sha256[32]; /* which model: SHA-256 of the checkpoint it was exported from */
     uint8_t data_sha256[32];       /* trained on which data set: config_sha256 of its manifest; zeros: not known */
     const char *name;              /* given at export, else the symbol prefix; at most 55 characters, as hand */
     const char *hand;              /* name of the hand, and 8 digits of its constants' SHA-256 */
-    const char *made_by;           /* program and version that exported it, "aminn 0.1.0"; at most 31 characters */
+    const char *made_by;           /* program and version that exported it, "aminn 0.1.0"; at most 43 characters */
     const char *library;           /* AMINN_LIBRARY; null in a model that a blob holds */
     aminn_varied_t nominal;        /* of the hand as its description has it */
     const float *wrench_log_scale; /* (6)             N, N.m; > 0 */
@@ -324,15 +341,19 @@ typedef struct aminn_model {
                                       springs (entries of K in the order of chol) and its gated tendon's gain, N.m/rad */
     const float *coord_mask; /* (B x C)         1 where a branch has the coordinate, else 0: it lacks the first */
     const float *geom_axis;  /* (B x C x 3)     unit, H: joint axes at q = 0; zeros where absent */
-    const float *geom_anchor; /* (B x C x 3)     m, H: a point on each axis at q = 0; zeros where absent */
-    const float *range_min;   /* (STATE) [44]    smallest value of each field of aminn_state_t in training, */
-    const float *range_max;   /* (STATE)         and largest; both widened by 5 % of the range */
-    const float *aux_mean;    /* (AUX) [15]      stage 1's classifier: normalisation of what statics gives */
-    const float *aux_inv_std; /* (AUX) */
-    const void *cls1_w;       /* (H + AUX x HD)  input: trunk's output, then statics */
-    const float *cls1_b;      /* (HD) */
-    const void *cls2_w;       /* (HD) */
-    const float *cls2_b;      /* (1) */
+    const float *geom_anchor;  /* (B x C x 3)     m, H: a point on each axis at q = 0; zeros where absent */
+    const float *range_min;    /* (STATE) [44]    smallest value of each field of aminn_state_t in training, */
+    const float *range_max;    /* (STATE)         and largest; both widened by 5 % of the range */
+    const float *aux_mean;     /* (AUX) [15]      stage 1's classifier: normalisation of what statics gives */
+    const float *aux_inv_std;  /* (AUX) */
+    const void *cls1_w;        /* (H + AUX x HD)  input: trunk's output, then statics */
+    const float *cls1_b;       /* (HD) */
+    const void *cls2_w;        /* (HD) */
+    const float *cls2_b;       /* (1) */
+    const float *sure_mean;    /* (SURE) [1]      how sure stage 2 is: normalisation of what statics gives */
+    const float *sure_inv_std; /* (SURE) */
+    const void *sure_w;  /* (H + SURE x 2)  input: trunk's output, then statics; logit of p_slide, log of bound_95 */
+    const float *sure_b; /* (2) */
     const struct aminn_known_answer *known_answer; /* a state, and the bits of its prediction */
     aminn_stage_model_t stage[AMINN_N_STAGE];      /* 0: stage 1, 1: stage 2 */
 } aminn_model_t;
@@ -381,8 +402,27 @@ typedef struct aminn_input {
 /* Bound of aminn_output_t.condition beyond which a displacement is noted as ill-conditioned. */
 #define AMINN_ILL_CONDITIONED 1e8F
 
-/* A prediction. dx_ht, k_x and gate are NaN if the grasp is predicted not to hold: it has no displacement to predict.
- * With AMINN_FLAG_ALWAYS_STAGE2 they are always numbers. Springs and tendons: AMINN_FLAG_DEBUG. */
+/* What other sensors know; all zeros: nothing. A number of a sensor that is not known (flag 0) has no influence. */
+typedef struct aminn_sensors {
+    /* known (0 or 1); coefficient of friction between fingertips and tool, > 0; its standard deviation, >= 0 */
+    float friction[3];
+
+    /* known (0 or 1); force of gravity on the tool, N, axes of H */
+    float tool_weight[4];
+
+#if AMINN_N_TENDON > 0
+    /* known (0 or 1); tension of each tendon, N */
+    float tendon_tension[1 + AMINN_N_TENDON];
+#endif
+} aminn_sensors_t;
+
+/* Classes of friction, as initialisers of aminn_sensors_t.friction: thirds of 0.4 .. 1.1. */
+#define AMINN_FRICTION_LOW {1.0F, 0.516666667F, 0.0673575314F}
+#define AMINN_FRICTION_MID {1.0F, 0.75F, 0.0673575314F}
+#define AMINN_FRICTION_HIGH {1.0F, 0.983333333F, 0.0673575314F}
+
+/* A prediction. dx_ht, k_x, gate, p_slide and bound_95 are NaN if the grasp is predicted not to hold: it has no displacement
+ * to predict. With AMINN_FLAG_ALWAYS_STAGE2 they are always numbers. Springs and tendons: AMINN_FLAG_DEBUG. */
 typedef struct aminn_output {
     /* probability that the grasp holds, 0 .. 1 */
     float p_stable;
@@ -395,6 +435,16 @@ typedef struct aminn_output {
 
     /* engagement of each branch's tendon, 0 .. 1 */
     float gate[AMINN_N_BRANCH];
+
+    /* probability that a contact slides, by more than 0.5 mm, if the grasp holds, 0 .. 1 */
+    float p_slide;
+
+    /* what the error of dx_ht does not exceed in 95 of 100: sqrt(|translation error|^2 + (length_scale rotation error)^2), m */
+    float bound_95;
+
+    /* share of its friction that each contact uses under the load if none slides, 0 .. 100; 0 out of contact, and where
+     * contacts cannot slide (AMINN_N_SLIDE 0) */
+    float friction_use[AMINN_N_BRANCH];
 
     /* how far apart the stiffnesses of the grasped tool lie: trace(K) trace(K0^-1), K the stiffness with lengths divided by
      * length_scale, K0 the same without tendons, of the last stage that ran. At least K's condition number. */
@@ -420,7 +470,10 @@ typedef struct aminn_stage_debug {
     float tendon_dir[AMINN_N_BRANCH][AMINN_N_COORD];              /* tendon direction in branch coordinates, unit */
     float tendon_gain[AMINN_N_BRANCH];                            /* tendon stiffness, N.m/rad, > 0 */
     float gate_params[AMINN_N_BRANCH][3];                         /* alpha (1/rad), beta (rad), rho */
-    float dx0[AMINN_N_WRENCH];                                    /* displacement with springs alone, m and rad */
+    float friction[AMINN_N_BRANCH];   /* coefficient of each contact; 0 where contacts cannot slide, as the next two */
+    float preload[AMINN_N_BRANCH][3]; /* tangential force of each contact on the tool before the load, N, axes of H */
+    float slide[AMINN_N_BRANCH];      /* compliance of each contact's sliding, m/N */
+    float dx0[AMINN_N_WRENCH];        /* displacement with springs alone, m and rad */
     float dq0[AMINN_N_BRANCH][AMINN_N_COORD];  /* deflection of the branch coordinates with springs alone, rad */
     float dx[AMINN_N_WRENCH];                  /* displacement with tendons, m and rad */
     float k_x[AMINN_N_WRENCH][AMINN_N_WRENCH]; /* stiffness with tendons, SI */
@@ -499,7 +552,7 @@ typedef struct aminn_context {
     float slog_w[AMINN_N_WRENCH];
     float layer_in[AMINN_MAX_WIDTH + AMINN_N_LAST_INPUT];
     float layer_out[AMINN_MAX_WIDTH];
-    float feature[AMINN_MAX_WIDTH + AMINN_N_AUX];
+    float feature[AMINN_MAX_WIDTH + (AMINN_N_AUX > AMINN_N_SURE ? AMINN_N_AUX : AMINN_N_SURE)];
     float head[AMINN_N_HEAD_STORED];
 } aminn_t;
 

@@ -23,7 +23,10 @@ struct Header {
     uint32_t n_gated;
     uint32_t n_twist;
     uint32_t n_stiff;
+    uint32_t n_tendon;
+    uint32_t n_slide;
     uint32_t n_told;
+    uint32_t n_sensed;
     uint32_t contact_width;
     uint32_t width;
     uint32_t classifier_width;
@@ -34,15 +37,20 @@ struct Header {
     float log_range;
     float displacement_log_scale;
     float tau;
+    float friction_nominal;
+    float max_translation;
+    float max_rotation;
+    float bound_edge[3];
+    float bound_factor[4];
     uint8_t checkpoint_sha256[32];
     uint8_t data_sha256[32];
     float eps_kx[AMINN_N_STAGE];
     float eps_jq[AMINN_N_STAGE];
     char name[56];
     char hand[56];
-    char made_by[32];
+    char made_by[44];
 };
-static_assert(sizeof(Header) == 320, "header layout");
+static_assert(sizeof(Header) == 384, "header layout");
 constexpr size_t kCrcStart = offsetof(Header, content_crc);
 constexpr size_t kSameBytes = offsetof(Header, eps_kx) - offsetof(Header, content_crc);
 static_assert(offsetof(aminn_model_t, data_sha256) + sizeof(aminn_model_t::data_sha256) -

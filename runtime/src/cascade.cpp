@@ -23,7 +23,7 @@ bool sound(const aminn_input_t &in, const aminn_stage_debug_t &stage, const Stat
 // displacement, stiffness and gates stand side by side in both
 constexpr size_t kMotionBytes =
     sizeof(aminn_output_t::dx_ht) + sizeof(aminn_output_t::k_x) + sizeof(aminn_output_t::gate);
-static_assert(offsetof(aminn_output_t, condition) - offsetof(aminn_output_t, dx_ht) == kMotionBytes &&
+static_assert(offsetof(aminn_output_t, p_slide) - offsetof(aminn_output_t, dx_ht) == kMotionBytes &&
                   sizeof(aminn_stage_debug_t) - offsetof(aminn_stage_debug_t, dx) == kMotionBytes &&
                   offsetof(aminn_output_t, gate) - offsetof(aminn_output_t, dx_ht) ==
                       offsetof(aminn_stage_debug_t, gate) - offsetof(aminn_stage_debug_t, dx),
@@ -80,15 +80,18 @@ bool run_cascade(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out)
     }
     out.p_stable = classify(model, summary, ctx.stage[0].gate, ctx);
     out.stable = out.p_stable >= model.tau ? 1 : 0;
+    bool sound = true;
     if (out.stable != 0 || (ctx.flags & AMINN_FLAG_ALWAYS_STAGE2) != 0) {
         const aminn_stage_debug_t &stage = ctx.stage[1];
         if (!run_stage(ctx, 1, scene, in, summary)) {
             return false;
         }
         std::memcpy(out.dx_ht, stage.dx, kMotionBytes);
+        sound = doubt(model, summary, ctx, out);
     }
+    std::memset(out.friction_use, 0, sizeof out.friction_use);
     out.condition = summary.condition;
-    return out.p_stable >= 0.0F; // a number
+    return sound & (out.p_stable >= 0.0F); // a number
 }
 
 bool run_motion(aminn_t &ctx, const aminn_input_t &in)

@@ -12,14 +12,15 @@ uint32_t beyond(uint32_t width)
 }
 
 // what a model must have from n_branch on
-constexpr uint8_t kDims[] = {AMINN_N_BRANCH, AMINN_N_COORD, AMINN_N_JOINT, AMINN_N_CONTACT_FEATURE,
-                             AMINN_N_WRENCH, AMINN_N_GATED, AMINN_N_TWIST, AMINN_N_STIFF};
+constexpr uint8_t kDims[] = {AMINN_N_BRANCH, AMINN_N_COORD, AMINN_N_JOINT, AMINN_N_CONTACT_FEATURE, AMINN_N_WRENCH,
+                             AMINN_N_GATED,  AMINN_N_TWIST, AMINN_N_STIFF, AMINN_N_TENDON,          AMINN_N_SLIDE};
 static_assert(offsetof(aminn_model_t, n_told) - offsetof(aminn_model_t, n_branch) == sizeof kDims * sizeof(uint32_t),
               "they stand one behind the other");
 
 bool dims_ok(const aminn_model_t &m)
 {
     uint32_t wrong = m.n_told != 0 ? m.n_told ^ AMINN_N_FACTOR : 0;
+    wrong |= m.n_sensed != 0 ? m.n_sensed ^ AMINN_N_SENSED : 0;
     const uint32_t *dim = &m.n_branch;
     for (const uint8_t wanted : kDims) {
         wrong |= *dim++ ^ wanted;
@@ -48,6 +49,17 @@ bool constants_ok(const aminn_model_t &m)
               within(m.length_scale, kSmallestBits, kLargestBits) &&
               within(m.displacement_log_scale, kSmallestBits, kLargestBits) && within(m.log_range, 0, kLargestBits) &&
               within(m.tau, 0, kOneBits);
+    for (const float *v = &m.friction_nominal; v <= &m.max_rotation; ++v) {
+        ok = ok && within(*v, kSmallestBits, kLargestBits);
+    }
+    float edge = 0.0F;
+    for (const float next : m.bound_edge) {
+        ok = ok && next >= edge && next <= 1.0F;
+        edge = next;
+    }
+    for (const float factor : m.bound_factor) {
+        ok = ok && within(factor, kSmallestBits, kLargestBits);
+    }
     for (const aminn_stage_model_t &s : m.stage) {
         ok = ok && within(s.eps_kx, kSmallestBits, kLargestBits) &&
              within(s.eps_jq, m.dq0 == AMINN_DQ0_STATICS ? 0 : kSmallestBits, kLargestBits);

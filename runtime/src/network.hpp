@@ -67,6 +67,7 @@ static void run_backbone(const aminn_model_t &model, const aminn_stage_model_t &
     dense(stage.head_w, model.weight_type, stage.head_b, ctx.feature, h, AMINN_N_HEAD_STORED, kLinear, ctx.head);
 }
 
+constexpr float kMaxLogBound = 80.0F;  // more than any bound: its exponential stays a number
 constexpr float kLeastMotion = 1e-12F; // m, so that no motion at all can be divided by
 
 // p_stable from ctx.feature, which what the statics of stage 1 gave is appended to: the motion with its size in logarithm,
@@ -101,6 +102,26 @@ static float classify(const aminn_model_t &model, const StaticsSummary &summary,
     float logit = 0.0F;
     dense(model.cls2_w, model.weight_type, model.cls2_b, ctx.layer_out, hd, 1, kLinear, &logit);
     return sigmoid(logit);
+}
+
+// p_slide and bound_95 from stage 2's ctx.feature, which what its statics gave is appended to: the size of the motion in
+// logarithm. The bound is a multiple, of each bin of p_slide its own. False if they are no numbers.
+static bool doubt(const aminn_model_t &model, const StaticsSummary &summary, aminn_t &ctx, aminn_output_t &out)
+{
+    const int h = static_cast<int>(model.width);
+    Row x;
+    load_row(x, summary.x_s);
+    const float aux[AMINN_N_SURE] = {logarithm(1.0F + root(dot(x, x)) / model.displacement_log_scale)};
+    normalise(aux, model.sure_mean, model.sure_inv_std, AMINN_N_SURE, ctx.feature + h);
+    float found[2];
+    dense(model.sure_w, model.weight_type, model.sure_b, ctx.feature, h + AMINN_N_SURE, 2, kLinear, found);
+    out.p_slide = sigmoid(found[0]);
+    const float *factor = model.bound_factor;
+    for (const float edge : model.bound_edge) {
+        factor += out.p_slide >= edge ? 1 : 0;
+    }
+    out.bound_95 = exponential(found[1] > kMaxLogBound ? kMaxLogBound : found[1]) * *factor;
+    return within(out.bound_95, 0, kLargestBits) & (out.p_slide >= 0.0F);
 }
 
 } // namespace AMINN_CORE

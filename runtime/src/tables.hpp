@@ -19,6 +19,7 @@ enum Extent : uint16_t {
     kClassifierWidth = 3u << 8,
     kTrunkInput = kContactWidth + AMINN_N_GLOBAL_INPUT,
     kClassifierInput = kWidth + AMINN_N_AUX,
+    kSureInput = kWidth + AMINN_N_SURE,
 };
 
 constexpr unsigned kExtentBits = 10;
@@ -28,7 +29,8 @@ enum Kind : uint8_t {
     kWeights = 1,  // of the model's weight_type
     kPositive = 2, // floats above zero
     kTold = 4,     // the model's n_told more rows
-    kToldWeights = kTold | kWeights,
+    kSees = 8,     // its n_told and n_sensed more rows
+    kSeesWeights = kSees | kWeights,
 };
 
 struct TableInfo {
@@ -47,11 +49,11 @@ static_assert(1 + AMINN_N_STIFF < kContactWidth, "an extent has 8 bits: AMINN_N_
     AMINN_TABLE(nominal.eps_m[i], AMINN_N_BRANCH, 1, kPositive),                                                      \
         AMINN_TABLE(stage[i].contact_mean, AMINN_N_CONTACT_INPUT, 1, kFloats),                                        \
         AMINN_TABLE(stage[i].contact_inv_std, AMINN_N_CONTACT_INPUT, 1, kFloats),                                     \
-        AMINN_TABLE(stage[i].global_mean, AMINN_N_GLOBAL_INPUT, 1, kTold),                                            \
-        AMINN_TABLE(stage[i].global_inv_std, AMINN_N_GLOBAL_INPUT, 1, kTold),                                         \
+        AMINN_TABLE(stage[i].global_mean, AMINN_N_GLOBAL_INPUT, 1, kSees),                                            \
+        AMINN_TABLE(stage[i].global_inv_std, AMINN_N_GLOBAL_INPUT, 1, kSees),                                         \
         AMINN_TABLE(stage[i].contact_w, AMINN_N_CONTACT_INPUT, kContactWidth, kWeights),                              \
         AMINN_TABLE(stage[i].contact_b, kContactWidth, 1, kFloats),                                                   \
-        AMINN_TABLE(stage[i].trunk1_w, kTrunkInput, kWidth, kToldWeights),                                            \
+        AMINN_TABLE(stage[i].trunk1_w, kTrunkInput, kWidth, kSeesWeights),                                            \
         AMINN_TABLE(stage[i].trunk1_b, kWidth, 1, kFloats), AMINN_TABLE(stage[i].trunk2_w, kWidth, kWidth, kWeights), \
         AMINN_TABLE(stage[i].trunk2_b, kWidth, 1, kFloats),                                                           \
         AMINN_TABLE(stage[i].head_w, kWidth, AMINN_N_HEAD_STORED, kWeights),                                          \
@@ -84,6 +86,10 @@ inline constexpr TableInfo kTables[] = {
     AMINN_TABLE(cls1_b, kClassifierWidth, 1, kFloats),
     AMINN_TABLE(cls2_w, kClassifierWidth, 1, kWeights),
     AMINN_TABLE(cls2_b, 1, 1, kFloats),
+    AMINN_TABLE(sure_mean, AMINN_N_SURE, 1, kFloats),
+    AMINN_TABLE(sure_inv_std, AMINN_N_SURE, 1, kFloats),
+    AMINN_TABLE(sure_w, kSureInput, 2, kWeights),
+    AMINN_TABLE(sure_b, 2, 1, kFloats),
     AMINN_TABLE(known_answer, sizeof(aminn_known_answer_t) / sizeof(float), 1, kFloats),
 };
 
@@ -104,7 +110,8 @@ struct Table {
     std::memcpy(&table.numbers, reinterpret_cast<const char *>(&m) + info.place * sizeof(void *), sizeof(void *));
     uint32_t n = 1;
     uint32_t extents = info.extents;
-    uint32_t width = info.kind / kTold * m.n_told;
+    uint32_t width = (info.kind & (kTold | kSees)) != 0 ? m.n_told : 0u;
+    width += (info.kind & kSees) != 0 ? m.n_sensed : 0u;
     do {
         const uint32_t which = extents / kContactWidth % 4;
         if (which != 0) {

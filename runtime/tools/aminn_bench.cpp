@@ -250,15 +250,17 @@ void open_graphs(const char *aminn_file, const char *mlp_file)
     aminn_input_t &g = graph_input;
     aminn_graph = {ort->session(aminn_file),
                    {"q", "x_ht", "w_e", "contacts", "j_x", "j_q"},
-                   {"p_stable", "dx_ht", "k_x", "gate"},
+                   {"p_stable", "dx_ht", "k_x", "gate", "p_slide", "bound_95", "friction_use"},
                    {ort->tensor(g.q, {1, AMINN_N_JOINT}), ort->tensor(g.x_ht, {1, AMINN_N_WRENCH}),
                     ort->tensor(g.w_e, {1, AMINN_N_WRENCH}),
                     ort->tensor(g.contacts[0], {1, AMINN_N_BRANCH, AMINN_N_CONTACT_FEATURE}),
                     ort->tensor(g.j_x[0][0], {1, AMINN_N_BRANCH, 3, AMINN_N_WRENCH}),
                     ort->tensor(g.j_q[0][0], {1, AMINN_N_BRANCH, 3, AMINN_N_COORD})},
                    {ort->tensor(graph_output, {1}), ort->tensor(graph_output + 1, {1, 6}),
-                    ort->tensor(graph_output + 7, {1, 6, 6}),
-                    ort->tensor(graph_output + VECTOR_N_OUT - AMINN_N_BRANCH, {1, AMINN_N_BRANCH})}};
+                    ort->tensor(graph_output + 7, {1, 6, 6}), ort->tensor(graph_output + 43, {1, AMINN_N_BRANCH}),
+                    ort->tensor(graph_output + 43 + AMINN_N_BRANCH, {1}),
+                    ort->tensor(graph_output + 44 + AMINN_N_BRANCH, {1}),
+                    ort->tensor(graph_output + 45 + AMINN_N_BRANCH, {1, AMINN_N_BRANCH})}};
     mlp_graph = {
         ort->session(mlp_file), {"x"}, {"y"}, {ort->tensor(g.q, {1, VECTOR_N_IN})}, {ort->tensor(mlp_output, {1, 7})}};
 }

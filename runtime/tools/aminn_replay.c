@@ -80,7 +80,7 @@ static aminn_calibrator_t calibrator;
 static void calibrate_all(const aminn_model_t *model, const vector_header_t *vectors, const float *rows)
 {
     static aminn_t ctx;
-    const size_t size = VECTOR_N_IN + vector_n_theta(vectors);
+    const size_t size = vector_sample(vectors);
     aminn_status_t status = aminn_init(&ctx, model, 0);
     uint32_t i;
     status = status == AMINN_OK ? aminn_calibrator_init(&calibrator, model, NULL, NULL) : status;

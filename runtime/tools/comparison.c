@@ -8,7 +8,8 @@
 #include "host_file.h"
 #include "tolerances.h"
 
-enum { N_DX = AMINN_N_WRENCH, N_K_X = N_DX * N_DX, N_GATE = AMINN_N_BRANCH };
+enum { N_DX = AMINN_N_WRENCH, N_K_X = N_DX * N_DX, N_GATE = AMINN_N_BRANCH, N_USE = AMINN_N_BRANCH };
+enum { AT_GATE = 1 + N_DX + N_K_X, AT_SURE = AT_GATE + N_GATE };
 
 typedef struct tolerance {
     double floor, share, per_condition, per_m, median;
@@ -18,9 +19,11 @@ typedef struct tolerance {
 static const tolerance_t tolerances[STABLE] = {TOLERANCES(ROW)};
 #undef ROW
 /* first word of each output in a row, and where the row ends */
-static const int first_word[STABLE + 2] = {0, 1, 1 + N_DX, 1 + N_DX + N_K_X, RESULT_N_OUT - 1, RESULT_N_OUT};
+static const int first_word[STABLE + 2] = {0,           1,           1 + N_DX,         AT_GATE,     AT_SURE,
+                                           AT_SURE + 1, AT_SURE + 2, RESULT_N_OUT - 1, RESULT_N_OUT};
 
-const char *const output_names[N_OUTPUT] = {"p_stable", "dx_ht", "k_x", "gate", "stable", "status", "samples", "model"};
+const char *const output_names[N_OUTPUT] = {"p_stable",     "dx_ht",  "k_x",    "gate",    "p_slide", "bound_95",
+                                            "friction_use", "stable", "status", "samples", "model"};
 
 /* ---- failures ---- */
 
@@ -348,11 +351,12 @@ static void judge_decision(verdict_t *verdict, const sample_t *s, double limit, 
 static void judge_absence(verdict_t *verdict, const sample_t *s)
 {
     int output, c;
-    for (output = DX_HT; output <= GATE; ++output) {
+    for (output = DX_HT; output < FRICTION_USE; ++output) {
         const int first = first_word[output], n = first_word[output + 1] - first;
         for (c = 0; c < n; ++c) {
             if (s->got[first + c] == s->got[first + c]) {
-                fail(verdict, (output_t)output, c, s->i, (double)s->got[first + c], (double)NAN, 0, HUGE_VAL);
+                fail(verdict, (output_t)output, n > 1 ? c : -1, s->i, (double)s->got[first + c], (double)NAN, 0,
+                     HUGE_VAL);
             }
         }
     }
@@ -364,12 +368,41 @@ static double steepness(double value)
     return fmax(value * (1 - value), 0);
 }
 
-static void judge_sample(verdict_t *verdict, sample_t *s, float tau, int on_demand)
+/* the factor of the bin that p_slide of a row lies in */
+static double bound_factor(const aminn_model_t *model, const float *row)
+{
+    int i, bin = 0;
+    for (i = 0; i < 3; ++i) {
+        bin += row[first_word[P_SLIDE]] >= model->bound_edge[i];
+    }
+    return (double)model->bound_factor[bin];
+}
+
+/* p_slide, and bound_95 over the factor of the bin that its own p_slide lies in */
+static void judge_doubt(verdict_t *verdict, sample_t *s, const aminn_model_t *model)
+{
+    const int word = first_word[BOUND_95];
+    const double own = bound_factor(model, s->got), factor = bound_factor(model, s->want);
+    const double want = (double)s->want[word] / factor, limit = limit_of(s, BOUND_95, want);
+    const double difference = sound(fabs((double)s->got[word] / own - want)), share = share_of(difference, limit);
+    judge_word(verdict, s, P_SLIDE, -1, 1, limit_of(s, P_SLIDE, steepness((double)s->want[first_word[P_SLIDE]])), 1);
+    verdict->largest[BOUND_95] = fmax(verdict->largest[BOUND_95], share_of(difference, want));
+    s->share[BOUND_95] = share;
+    if (!(share <= 1)) {
+        fail(verdict, BOUND_95, -1, s->i, (double)s->got[word], (double)s->want[word], limit, share);
+    }
+}
+
+static void judge_sample(verdict_t *verdict, sample_t *s, const aminn_model_t *model, int on_demand)
 {
     const double p_limit = limit_of(s, P_STABLE, steepness((double)s->want[P_STABLE]));
     int c;
     judge_word(verdict, s, P_STABLE, -1, 1, p_limit, 1);
-    judge_decision(verdict, s, p_limit, tau);
+    judge_decision(verdict, s, p_limit, model->tau);
+    for (c = 0; c < N_USE; ++c) {
+        const double use = (double)s->want[first_word[FRICTION_USE] + c];
+        judge_word(verdict, s, FRICTION_USE, c, 1, limit_of(s, FRICTION_USE, use), 1);
+    }
     s->absent = on_demand && s->got[first_word[STABLE]] == 0.0F;
     if (s->absent) {
         judge_absence(verdict, s);
@@ -381,6 +414,7 @@ static void judge_sample(verdict_t *verdict, sample_t *s, float tau, int on_dema
         const double steep = steepness((double)s->want[first_word[GATE] + c]);
         judge_word(verdict, s, GATE, c, 1, limit_of(s, GATE, steep), 1);
     }
+    judge_doubt(verdict, s, model);
 }
 
 static int by_size(const void *a, const void *b)
@@ -411,7 +445,7 @@ static void judge_medians(verdict_t *verdict, double *shares, uint32_t capacity,
 void compare_within(verdict_t *verdict, const aminn_model_t *model, const vector_header_t *vectors, results_t got,
                     int on_demand)
 {
-    const float *want = (const float *)(vectors + 1) + (size_t)vectors->n * (VECTOR_N_IN + vector_n_theta(vectors));
+    const float *want = (const float *)(vectors + 1) + (size_t)vectors->n * vector_sample(vectors);
     double *shares = calloc((size_t)(STABLE + 1) * vectors->n + 1, sizeof *shares);
     uint32_t counts[STABLE] = {0}, i;
     int output;
@@ -431,8 +465,11 @@ void compare_within(verdict_t *verdict, const aminn_model_t *model, const vector
             fail(verdict, STATUS, -1, i, got.statuses[i], AMINN_OK, 0, HUGE_VAL);
             continue;
         }
-        judge_sample(verdict, &s, model->tau, on_demand);
-        for (output = P_STABLE; output <= (s.absent ? P_STABLE : GATE); ++output) {
+        judge_sample(verdict, &s, model, on_demand);
+        for (output = P_STABLE; output < STABLE; ++output) {
+            if (s.absent && output != P_STABLE && output != FRICTION_USE) {
+                continue;
+            }
             verdict->share_largest[output] = fmax(verdict->share_largest[output], s.share[output]);
             shares[(size_t)output * got.n + counts[output]++] = s.share[output];
         }

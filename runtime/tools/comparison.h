@@ -9,7 +9,20 @@
 #include "vector_file.h"
 
 /* What is judged. The order is that of the words of a result row; the last three are not in it. */
-typedef enum output { P_STABLE, DX_HT, K_X, GATE, STABLE, STATUS, SAMPLES, MODEL, N_OUTPUT } output_t;
+typedef enum output {
+    P_STABLE,
+    DX_HT,
+    K_X,
+    GATE,
+    P_SLIDE,
+    BOUND_95,
+    FRICTION_USE,
+    STABLE,
+    STATUS,
+    SAMPLES,
+    MODEL,
+    N_OUTPUT
+} output_t;
 
 /* One number that is not what it must be. */
 typedef struct failure {
@@ -52,7 +65,7 @@ results_t predict_all(const aminn_model_t *model, const vector_header_t *vectors
 
 /*
  * Both judge every number and leave every failure in `verdict`, which they clear first. `on_demand`: the results are of a
- * runtime without AMINN_FLAG_ALWAYS_STAGE2, so dx_ht, k_x and gate are NaN where stable is 0, and must be.
+ * runtime without AMINN_FLAG_ALWAYS_STAGE2, so dx_ht .. bound_95 are NaN where stable is 0, and must be.
  */
 void compare_within(verdict_t *verdict, const aminn_model_t *model, const vector_header_t *vectors, results_t got,
                     int on_demand);

@@ -13,9 +13,9 @@
 
 #define VECTOR_MAGIC 0x564E4D41u /* "AMNV" */
 #define RESULT_MAGIC 0x4F4E4D41u /* "AMNO" */
-#define VECTOR_VERSION 1u
+#define VECTOR_VERSION 2u
 #define VECTOR_N_IN ((uint32_t)AMINN_N_INPUT)   /* q, x_ht, w_e, contacts, j_x, j_q: the layout of aminn_input_t */
-#define VECTOR_N_OUT ((uint32_t)AMINN_N_OUTPUT) /* p_stable 1, dx_ht 6, k_x 36, gate */
+#define VECTOR_N_OUT ((uint32_t)AMINN_N_OUTPUT) /* p_stable 1, dx_ht 6, k_x 36, gate, p_slide, bound_95, friction_use */
 #define RESULT_N_OUT (VECTOR_N_OUT + 1u)        /* the same and stable (0 or 1) */
 
 typedef struct vector_header {
@@ -24,14 +24,21 @@ typedef struct vector_header {
     uint32_t n;
     uint32_t n_in;
     uint32_t n_out;
-    uint32_t also;  /* low half: 1 if there are float64 outputs; high half: numbers of theta of each sample */
+    uint32_t
+        also; /* lowest byte: 1 if there are float64 outputs; next: numbers of sensors, high half: of theta a sample */
     uint32_t crc;   /* CRC-32 of everything after the header */
     uint32_t model; /* of vectors: content_crc of the model that they are of, 0 if it is not known */
 } vector_header_t;
 
 static inline uint32_t vector_has_f64(const vector_header_t *h)
 {
-    return h->also & 0xFFFFu;
+    return h->also & 0xFFu;
+}
+
+/* Numbers of sensors behind each sample's input and theta: 0, or AMINN_N_SENSOR. */
+static inline uint32_t vector_n_sensor(const vector_header_t *h)
+{
+    return h->also >> 8 & 0xFFu;
 }
 
 /* Numbers of theta behind each sample's input: 0, or AMINN_N_THETA. */
@@ -40,10 +47,16 @@ static inline uint32_t vector_n_theta(const vector_header_t *h)
     return h->also >> 16;
 }
 
+/* Numbers of a sample: input, theta, sensors. */
+static inline uint32_t vector_sample(const vector_header_t *h)
+{
+    return VECTOR_N_IN + vector_n_theta(h) + vector_n_sensor(h);
+}
+
 /* Row of a result file. */
 static inline void result_row(const aminn_output_t *out, float row[RESULT_N_OUT])
 {
-    memcpy(row, out, VECTOR_N_OUT * sizeof *row); /* p_stable, dx_ht, k_x, gate, with which the struct begins */
+    memcpy(row, out, VECTOR_N_OUT * sizeof *row); /* with which the struct begins */
     row[VECTOR_N_OUT] = (float)out->stable;
 }
 
@@ -76,7 +89,7 @@ static inline uint32_t predict_rows(aminn_t *ctx, const aminn_model_t *model, co
         sample += VECTOR_N_IN;
         statuses[i] =
             n_theta == 0 ? aminn_predict(ctx, &in, &out) : predict_calibrated(ctx, model, &cal, sample, &in, &out);
-        sample += n_theta;
+        sample += n_theta + vector_n_sensor(vectors);
         refused += statuses[i] != AMINN_OK;
         result_row(&out, rows + (size_t)i * RESULT_N_OUT);
     }
@@ -118,7 +131,7 @@ static inline void vector_swap(void *words, size_t n)
 /* Bytes that follow the header of a vector file. */
 static inline uint64_t vector_payload(const vector_header_t *h)
 {
-    uint64_t per_sample = ((uint64_t)h->n_in + vector_n_theta(h) + h->n_out) * 4u;
+    uint64_t per_sample = ((uint64_t)h->n_in + vector_n_theta(h) + vector_n_sensor(h) + h->n_out) * 4u;
     per_sample += vector_has_f64(h) ? (uint64_t)h->n_out * 8u : 0u;
     return (uint64_t)h->n * per_sample;
 }
@@ -133,7 +146,8 @@ static inline const char *vector_header_error(const vector_header_t *h, uint64_t
         return "a vector file of another version; export it again";
     }
     if (h->n_in != VECTOR_N_IN || h->n_out != VECTOR_N_OUT || vector_has_f64(h) > 1u ||
-        (vector_n_theta(h) != 0 && vector_n_theta(h) != AMINN_N_THETA)) {
+        (vector_n_theta(h) != 0 && vector_n_theta(h) != AMINN_N_THETA) ||
+        (vector_n_sensor(h) != 0 && vector_n_sensor(h) != AMINN_N_SENSOR)) {
         return "a vector file of other dimensions; export it again";
     }
     if (vector_payload(h) != payload) {

@@ -15,7 +15,7 @@ typedef struct figure {
     int whole; /* 1: a count */
 } figure_t;
 
-enum { MAX_FIGURES = 24 };
+enum { MAX_FIGURES = 32 };
 
 /* fills `figures`, returns their number */
 static int figures_of(const verdict_t *v, figure_t figures[MAX_FIGURES])
@@ -27,15 +27,24 @@ static int figures_of(const verdict_t *v, figure_t figures[MAX_FIGURES])
                                {"dx_relative_difference_median", v->dx_median, 0},
                                {"k_x_relative_difference_max", v->largest[K_X], 0},
                                {"gate_difference_max", v->largest[GATE], 0},
+                               {"p_slide_difference_max", v->largest[P_SLIDE], 0},
+                               {"bound_95_relative_difference_max", v->largest[BOUND_95], 0},
+                               {"friction_use_difference_max", v->largest[FRICTION_USE], 0},
                                {"decisions_different", v->decisions, 1},
                                {"p_stable_of_limit_max", v->share_largest[P_STABLE], 0},
                                {"dx_of_limit_max", v->share_largest[DX_HT], 0},
                                {"k_x_of_limit_max", v->share_largest[K_X], 0},
                                {"gate_of_limit_max", v->share_largest[GATE], 0},
+                               {"p_slide_of_limit_max", v->share_largest[P_SLIDE], 0},
+                               {"bound_95_of_limit_max", v->share_largest[BOUND_95], 0},
+                               {"friction_use_of_limit_max", v->share_largest[FRICTION_USE], 0},
                                {"p_stable_of_limit_median", v->median[P_STABLE], 0},
                                {"dx_of_limit_median", v->median[DX_HT], 0},
                                {"k_x_of_limit_median", v->median[K_X], 0},
-                               {"gate_of_limit_median", v->median[GATE], 0}};
+                               {"gate_of_limit_median", v->median[GATE], 0},
+                               {"p_slide_of_limit_median", v->median[P_SLIDE], 0},
+                               {"bound_95_of_limit_median", v->median[BOUND_95], 0},
+                               {"friction_use_of_limit_median", v->median[FRICTION_USE], 0}};
     const size_t n = v->exact ? sizeof exact / sizeof *exact : sizeof within / sizeof *within;
     memcpy(figures, both, sizeof both);
     memcpy(figures + 2, v->exact ? exact : within, n * sizeof *figures);

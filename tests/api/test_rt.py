@@ -223,9 +223,11 @@ def test_models_of_several_hands_are_in_one_process(model: Model, states: States
     other, x = Model.load(tmp_path), random_states(hand, 50)
     found = other.predict(**x, always=True)
     assert not found.status.any() and found.dx_ht.shape == (50, 6) and other.dims.branches == 2
-    outputs = runtime_for(other.dims).run(
-        (tmp_path / "aminn_model.bin").read_bytes(), np.concatenate([v.reshape(50, -1) for v in x.values()], 1)
-    ).outputs
+    outputs = (
+        runtime_for(other.dims)
+        .run((tmp_path / "aminn_model.bin").read_bytes(), np.concatenate([v.reshape(50, -1) for v in x.values()], 1))
+        .outputs
+    )
     assert found.dx_ht.tobytes() == outputs[:, 1:7].tobytes()  # whether compiled quickly or for speed
     same(model.predict(**states), before)
 

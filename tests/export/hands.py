@@ -134,7 +134,8 @@ def random_model(hand: Hand, seed: int = 0, told: bool = False) -> Model:
     rng, (hc, h, hd) = np.random.default_rng(seed), WIDTHS
     x = random_states(hand, 200, seed + 1)
     tensors = _nominal(hand)
-    dims = replace(dims_of(tensors), factors=Theta(hand).factors if told else 0)
+    counts = {"tendons": hand.dims.tendons, "slides": False, "sensing": False}
+    dims = replace(dims_of(Model(counts, tensors)), factors=Theta(hand).factors if told else 0)
     sizes = {"contact": (hc, dims.contact_input), "trunk1": (h, hc + dims.global_input), "trunk2": (h, h)}
     sizes["head"] = (dims.head, h)
     for stage in STAGES:
@@ -148,6 +149,9 @@ def random_model(hand: Hand, seed: int = 0, told: bool = False) -> Model:
     for layer, shape in {"cls1": (hd, h + dims.aux), "cls2": (1, hd)}.items():
         tensors[f"s1.{layer}_w"] = _random_table(rng, f"{layer}_w", shape)
         tensors[f"s1.{layer}_b"] = _random_table(rng, f"{layer}_b", shape[:1])
+    tensors["s2.sure_w"] = _random_table(rng, "sure_w", (2, h + dims.sure))
+    tensors["s2.sure_b"] = _random_table(rng, "sure_b", (2,)) + np.array([0.0, -7.0])
+    tensors["s2.sure_mean"], tensors["s2.sure_inv_std"] = np.full(dims.sure, 0.5), np.full(dims.sure, 0.7)
     gates = dims.aux - 12
     tensors["s1.aux_mean"] = np.array([0.0] * 6 + [8.0] * 6 + [0.5] * gates)
     tensors["s1.aux_inv_std"] = np.array([0.5] * 6 + [0.7] * 6 + [2.0] * gates)
@@ -168,6 +172,12 @@ def random_model(hand: Hand, seed: int = 0, told: bool = False) -> Model:
         "eps_kx": [1e-2, 1e-3],
         "eps_jq": [1e-3, 1e-3],
         "dq0": "statics",
+        "friction_nominal": 0.75,
+        "max_translation": 0.010,
+        "max_rotation": 0.35,
+        "bound_edge": [0.25, 0.5, 0.75],
+        "bound_factor": [0.9, 1.1, 1.2, 1.5],
+        **counts,
         "hand": f"{hand.name} {hand.sha256[:8]}",
         HAND: hand.as_dict(),
         "branches": [b.name for b in hand.branches],

@@ -46,7 +46,7 @@ def _run(model: Model, inputs: dict, debug: bool = False) -> dict[str, np.ndarra
 
 
 def test_counts_come_from_the_tables(hand: Hand, model: Model) -> None:
-    found, dims = dims_of(model.tensors), replace(hand.dims, twist=hand.contact.kind == "soft_finger")
+    found, dims = dims_of(model), replace(hand.dims, twist=hand.contact.kind == "soft_finger")
     assert (found.inputs, found.outputs, found.debug) == (dims.inputs, dims.outputs, dims.debug)
     assert (found.head, found.aux, found.gates) == (dims.head, dims.aux, dims.gates)
 

@@ -121,7 +121,7 @@ def test_no_name_of_the_runtime_is_free_or_made() -> None:
     runtime = Path(__file__).resolve().parents[2] / "runtime" / "include"
     text = "".join((runtime / name).read_text() for name in ("aminn_hand.h", "aminn_rt.h", "aminn_rt.hpp"))
     names = set(re.findall(r"\b(?i:aminn)\w*", text)) - {"aminn_model", "aminn_model_"}  # these are of the example
-    order = tensor_order(dims_of(random_model(0).tensors), 1, 1, 1)
+    order = tensor_order(dims_of(random_model(0)), 1, 1, 1)
     fields = {f"{owner}_{field}" if owner else field for owner, field, _ in order} | {"known_answer"}
     assert len(names) > 60
     for name in sorted(names):

@@ -43,7 +43,7 @@ def test_adversarial_states_are_what_they_are_called(exported: RandomModel) -> N
     simulated = random_inputs(300, 5)
     x, kind = adversarial_states(simulated, exported, 80 * len(KINDS), seed=1)
     assert all(np.isfinite(v).all() for v in x.values())
-    assert {k: v.shape[1:] for k, v in x.items()} == dims_of(exported.tensors).inputs
+    assert {k: v.shape[1:] for k, v in x.items()} == dims_of(exported).inputs
     rows = {name: kind == k for k, name in enumerate(KINDS)}
     flags = (x["contacts"][..., 0] > 0).sum(1)
     assert (flags[rows["one_contact"]] <= 1).all()

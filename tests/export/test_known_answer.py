@@ -40,8 +40,8 @@ def test_the_module_gives_the_bits_of_aminn_replay(build_dir: Path, tmp_path: Pa
     rows = np.concatenate([v.reshape(n, -1) for v in inputs.values()], 1)
     outputs, stages, status = runtime().run(model.read_bytes(), rows)
     replayed = np.concatenate([v.reshape(n, -1) for v in results.outputs.values()], 1)
-    np.testing.assert_array_equal(outputs[:, :46], replayed.view(np.uint32))
-    np.testing.assert_array_equal(outputs[:, 47], results.stable)
+    np.testing.assert_array_equal(outputs[:, :51], replayed.view(np.uint32))
+    np.testing.assert_array_equal(outputs[:, 52], results.stable)
     assert not status.any()
     assert stages.any(1).all()
 
@@ -64,7 +64,15 @@ def test_every_exported_model_passes_its_self_test(checkpoint_dir: Path, data_di
 def test_a_changed_byte_of_a_sealed_model_is_found(exported: RandomModel) -> None:
     """What the blob's own CRC-32 would tell is told by the content's where only that of the blob was made right."""
     blob = bytearray(bin_model_bytes(exported))
-    for at in (92, 96, 159, 172, 320, len(blob) - 384):  # tau, both SHA-256, eps_jq, first table, known answer
+    for at in (
+        104,
+        144,
+        148,
+        211,
+        224,
+        384,
+        len(blob) - 448,
+    ):  # tau, factor, both SHA-256, eps_jq, table, answer
         changed = bytearray(blob)
         changed[at] ^= 1
         changed[12:16] = struct.pack("<I", zlib.crc32(changed[16:]))
@@ -82,7 +90,7 @@ def test_the_known_state_is_a_stable_training_sample(checkpoint_dir: Path, data_
     assert (split_of(samples["grasp_id"][rows]) == SPLITS.index("train")).all()
     _, answer = answered(model)
     assert 0 < answer.output.view(np.float32)[0] < 1
-    assert answer.output[48] == 0  # nothing to note
+    assert answer.output[53] == 0  # nothing to note
 
 
 def test_without_data_the_state_is_built_in(exported: RandomModel) -> None:
@@ -90,7 +98,7 @@ def test_without_data_the_state_is_built_in(exported: RandomModel) -> None:
 
 
 def read_state(blob: bytes) -> list[float]:
-    at = len(blob) - 384
+    at = len(blob) - 448
     return list(np.frombuffer(blob, "<f4", 44, at))
 
 
@@ -118,7 +126,7 @@ def test_hand_and_data_are_those_of_the_training(checkpoint_dir: Path) -> None:
     ("change", "message"),
     [
         ({"name": "x" * 56}, "at most 55"),
-        ({"made_by": "x" * 32}, "at most 31"),
+        ({"made_by": "x" * 44}, "at most 43"),
         ({"name": ""}, "printable ASCII"),
         ({"name": "hände"}, "printable ASCII"),
         ({"hand": 'a"b'}, "printable ASCII"),
@@ -135,7 +143,7 @@ def test_models_of_version_7_are_refused_by_number(build_dir: Path, tmp_path: Pa
     blob = bytearray((GOLDEN / "aminn_model.bin").read_bytes())
     blob[4] = 7
     (tmp_path / "old.bin").write_bytes(blob)
-    with pytest.raises(AminnError, match="format version 7, this program reads 8; export it again"):
+    with pytest.raises(AminnError, match="format version 7, this program reads 9; export it again"):
         read_bin_model(tmp_path / "old.bin")
     command = [str(find_in(build_dir, "aminn_replay")), "old.bin", str(GOLDEN / "golden.bin"), "out.bin"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)

@@ -50,7 +50,7 @@ N_SMALL = 36
 CONTENT = 20
 """Where the blob's content begins: behind the CRC-32s."""
 ONE = np.float32(1)
-HAND = dims_of(random_model(0).tensors)
+HAND = dims_of(random_model(0))
 Trust = dict[str, float | int | str | bool]
 
 
@@ -235,7 +235,7 @@ def test_a_blob_changed_by_hand(small: Path, judge: Callable[..., int], tmp_path
     """Its CRC-32 alone is made right again: its content or its known answer gives it away, or it is refused."""
     blob, model = (small / "aminn_model.bin").read_bytes(), read_bin_model(small / "aminn_model.bin")
     plan, _ = plan_of(model)
-    dims = dims_of(model.tensors)
+    dims = dims_of(model)
     answer_size = 4 * (dims.state + output_words(dims))
     answer = len(blob) - room(answer_size)
     words = [*range(16, 176, 4), *map(int, plan[:: len(plan) // 200])]

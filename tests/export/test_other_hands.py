@@ -55,7 +55,7 @@ def compiled_model(folder: Path, prefix: str, *hand: str) -> subprocess.Complete
 def test_a_model_of_another_hand_has_all_files(other_dir: Path) -> None:
     blob, model = (other_dir / "aminn_model.bin").read_bytes(), read_bin_model(other_dir / "aminn_model.bin")
     assert bin_model_bytes(model) == blob
-    dims = dims_of(model.tensors)
+    dims = dims_of(model)
     assert runtime_for(dims).self_test(blob) == 0
     assert runtime().status_name(runtime().self_test(blob)) == "AMINN_E_DIMS"  # by the reference hand's library
     header = header_beside(other_dir)
@@ -69,7 +69,7 @@ def test_a_model_of_another_hand_has_all_files(other_dir: Path) -> None:
 
 
 def test_the_runtime_of_a_hand_is_compiled_once(other_dir: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    dims = dims_of(read_bin_model(other_dir / "aminn_model.bin").tensors)
+    dims = dims_of(read_bin_model(other_dir / "aminn_model.bin"))
     compiled._built.cache_clear()
     monkeypatch.setattr(compiled, "run_program", lambda *args, **kwargs: pytest.fail("compiled again"))
     assert runtime_for(dims).self_test((other_dir / "aminn_model.bin").read_bytes()) == 0
@@ -126,8 +126,8 @@ def test_soft_fingertips_are_told_from_points(gripper_dir: Path, point_dir: Path
     """By the library, by the C model's header and by the files of a folder, in both directions."""
     for folder, other in ((gripper_dir, point_dir), (point_dir, gripper_dir)):
         model, blob = read_bin_model(folder / "aminn_model.bin"), (folder / "aminn_model.bin").read_bytes()
-        assert runtime_for(dims_of(model.tensors)).self_test(blob) == 0
-        library = runtime_for(dims_of(read_bin_model(other / "aminn_model.bin").tensors))
+        assert runtime_for(dims_of(model)).self_test(blob) == 0
+        library = runtime_for(dims_of(read_bin_model(other / "aminn_model.bin")))
         assert runtime().status_name(library.self_test(blob)) == "AMINN_E_DIMS"
         wrong = compiled_model(folder, "aminn_model", f'-DAMINN_HAND_HEADER="{other / HAND_HEADER}"')
         assert wrong.returncode and "this model is for another hand" in wrong.stderr

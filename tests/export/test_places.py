@@ -132,6 +132,8 @@ HEADER = """/* a hand */
 #define AMINN_N_GATED {gated}
 #define AMINN_N_TWIST 0
 #define AMINN_N_STIFF {stiff}
+#define AMINN_N_TENDON 6
+#define AMINN_N_SLIDE 0
 """
 
 

@@ -36,7 +36,7 @@ def _largest_difference(of: Hand, config: ModelConfig, x: dict[str, np.ndarray],
     ours = Reference(export_tables(checkpoint))(x)
     with torch.no_grad():
         theirs = checkpoint.model.double().debug(**{k: torch.as_tensor(v, dtype=torch.float64) for k, v in x.items()})
-    assert set(ours) == set(theirs)
+    assert set(ours) >= set(theirs)
     worst = 0.0
     for name, value in theirs.items():
         size = max(float(value.abs().max()), np.finfo(float).tiny)  # of a hand without tendons some are 0

@@ -134,6 +134,9 @@ double check_prediction(const aminn_t &ctx, const aminn_model_t &model, const fl
     const bool both = out.stable == 1 || (ctx.flags & AMINN_FLAG_ALWAYS_STAGE2) != 0;
     FUZZ_CHECK(first != nullptr && (second != nullptr) == both);
     FUZZ_CHECK(both ? same_response(*second, out) : response_is(out, is_nan));
+    FUZZ_CHECK(both ? is_share(out.p_slide) && is_finite(out.bound_95) && out.bound_95 >= 0.0F
+                    : is_nan(out.p_slide) && is_nan(out.bound_95));
+    FUZZ_CHECK(all(out.friction_use, AMINN_N_BRANCH, [](float use) { return use >= 0.0F && use <= 100.0F; }));
     const double share = check_stage(*first, w_e);
     return both ? std::min(share, check_stage(*second, w_e)) : share;
 }

@@ -95,8 +95,8 @@ size_t mutate_once(uint8_t *data, size_t size, size_t max_size, Random &random)
         mutate_slice(data, size, random);
         return size;
     case 4: { // the header's constants
-        const size_t i = below(random, 8);
-        mutate_float(data + (i < 4 ? kBlobScalars + 4 * i : kBlobEps + 4 * (i - 4)), random);
+        const size_t i = below(random, 18);
+        mutate_float(data + (i < 14 ? kBlobScalars + 4 * i : kBlobEps + 4 * (i - 14)), random);
         return size;
     }
     default:

@@ -40,10 +40,10 @@ inline size_t table_bytes(const uint32_t widths[3])
     return bytes;
 }
 
-constexpr size_t kBlobHeader = 320;
-constexpr size_t kBlobWidths = 44;  // contact_width, width, classifier_width
-constexpr size_t kBlobScalars = 68; // 4 floats
-constexpr size_t kBlobEps = 148;    // 4 floats
+constexpr size_t kBlobHeader = 384;
+constexpr size_t kBlobWidths = 68;  // contact_width, width, classifier_width
+constexpr size_t kBlobScalars = 92; // 14 floats
+constexpr size_t kBlobEps = 212;    // 4 floats
 
 } // namespace fuzz
 

@@ -4733,6 +4733,39 @@ static const float aminn_model_cls2_w[32] = {
 static const float aminn_model_cls2_b[1] = {
     0x1.31cbeep-8f};
 
+static const float aminn_model_sure_mean[1] = {
+    0.0f};
+
+static const float aminn_model_sure_inv_std[1] = {
+    0x1p+0f};
+
+static const float aminn_model_sure_w[130] = {
+    0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f,
+    0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f,
+    0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f,
+    0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f,
+    0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f,
+    0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f,
+    0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f,
+    0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f,
+    0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f,
+    0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f,
+    0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f,
+    0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f,
+    0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f,
+    0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f,
+    0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f,
+    0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f,
+    0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f,
+    0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f,
+    0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f,
+    0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f,
+    0.0f, 0.0f, 0.0f, 0.0f, 0.0f, 0.0f,
+    0.0f, 0.0f, 0.0f, 0.0f};
+
+static const float aminn_model_sure_b[2] = {
+    0.0f, 0.0f};
+
 static const aminn_known_answer_t aminn_model_known_answer = {
     .state = {
         .q = {0x1.9a1ccap-3f, 0x1.64be14p-3f, 0x1.150882p-1f, 0x1.8d5986p-3f, 0x1.7330cep-3f, 0x1.f036cp-2f, 0x1.e939d6p-3f, 0x1.11a332p-1f},
@@ -4745,14 +4778,17 @@ static const aminn_known_answer_t aminn_model_known_answer = {
         .dx_ht = {0x1.51acaap-13f, -0x1.0d47f8p-10f, -0x1.32cefap-11f, -0x1.0a3cap-7f, 0x1.0fb1a8p-6f, -0x1.9c1084p-6f},
         .k_x = {{0x1.d8d62ep+17f, 0x1.34423p+5f, -0x1.fcf96p+4f, 0x1.e98dd4p-1f, 0x1.802902p+9f, 0x1.f389eap+10f}, {0x1.34423p+5f, 0x1.625af8p+11f, 0x1.9afeb4p+7f, -0x1.15fb54p+5f, -0x1.77579ap-2f, -0x1.80f0b4p+6f}, {-0x1.fcf96p+4f, 0x1.9afeb4p+7f, 0x1.39b3fp+12f, 0x1.936a2ep+2f, 0x1.67649p+7f, -0x1.2de234p-1f}, {0x1.e98dd4p-1f, -0x1.15fb54p+5f, 0x1.936a2ep+2f, 0x1.5f010cp-1f, 0x1.02d62ep-1f, 0x1.54f1cep+0f}, {0x1.802902p+9f, -0x1.77579ap-2f, 0x1.67649p+7f, 0x1.02d62ep-1f, 0x1.620f1ap+3f, 0x1.e2205ep+2f}, {0x1.f389eap+10f, -0x1.80f0b4p+6f, -0x1.2de234p-1f, 0x1.54f1cep+0f, 0x1.e2205ep+2f, 0x1.56c388p+4f}},
         .gate = {0x1.b6f9d6p-3f, 0x1.407852p-2f, 0x1.2ffc0ep-1f},
+        .p_slide = 0x1p-1f,
+        .bound_95 = 0x1p+0f,
+        .friction_use = {0.0f, 0.0f, 0.0f},
         .condition = 0x1.fb3898p+13f,
         .stable = 1, .notes = 0u,
     },
 };
 
 const aminn_model_t aminn_model = {
-    .format_version = 8u,
-    .content_crc = 0x0029f060u,
+    .format_version = 9u,
+    .content_crc = 0x2a11deeeu,
     .n_branch = 3u,
     .n_coord = 3u,
     .n_joint = 8u,
@@ -4761,17 +4797,25 @@ const aminn_model_t aminn_model = {
     .n_gated = 3u,
     .n_twist = 0u,
     .n_stiff = 10u,
+    .n_tendon = 6u,
+    .n_slide = 0u,
     .n_told = 0u,
+    .n_sensed = 0u,
     .contact_width = 32u,
     .width = 64u,
     .classifier_width = 32u,
     .dq0 = AMINN_DQ0_STATICS,
     .weight_type = AMINN_WEIGHTS_FLOAT32,
-    .stages_crc = 0x58f937bau,
+    .stages_crc = 0xfb004019u,
     .length_scale = 0x1.99999ap-4f,
     .log_range = 0x1p+1f,
     .displacement_log_scale = 0x1.0624dep-10f,
     .tau = 0x1.9c383cp-2f,
+    .friction_nominal = 0x1.8p-1f,
+    .max_translation = 0x1.47ae14p-7f,
+    .max_rotation = 0x1.666666p-2f,
+    .bound_edge = {0x1p-2f, 0x1p-1f, 0x1.8p-1f},
+    .bound_factor = {0x1p+0f, 0x1p+0f, 0x1p+0f, 0x1p+0f},
     .checkpoint_sha256 = {0x15, 0xfd, 0xc5, 0xcb, 0xd8, 0x54, 0xee, 0x14, 0x77, 0x94, 0x1f, 0x65, 0x97, 0xc8, 0xf6, 0xf9, 0x1e, 0xde, 0x93, 0xce, 0xea, 0x91, 0x9d, 0x1b, 0xb0, 0x25, 0xa5, 0x35, 0x83, 0x2e, 0x3f, 0x85},
     .data_sha256 = {0x56, 0x0a, 0xe1, 0xb1, 0x8e, 0xb0, 0x4e, 0xde, 0x10, 0x90, 0x43, 0x5a, 0xbb, 0xc8, 0x29, 0x3a, 0x18, 0x24, 0xbe, 0x6d, 0x35, 0x07, 0xfb, 0xfd, 0x1e, 0x87, 0x2e, 0x4f, 0xb3, 0x8d, 0x70, 0xcf},
     .name = "aminn_model",
@@ -4800,6 +4844,10 @@ const aminn_model_t aminn_model = {
     .cls1_b = aminn_model_cls1_b,
     .cls2_w = aminn_model_cls2_w,
     .cls2_b = aminn_model_cls2_b,
+    .sure_mean = aminn_model_sure_mean,
+    .sure_inv_std = aminn_model_sure_inv_std,
+    .sure_w = aminn_model_sure_w,
+    .sure_b = aminn_model_sure_b,
     .known_answer = &aminn_model_known_answer,
     .stage = {{
         .eps_kx = 0x1.47ae14p-7f,

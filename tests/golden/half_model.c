@@ -2291,6 +2291,29 @@ static const uint16_t half_model_cls2_w[17] = {
 static const float half_model_cls2_b[1] = {
     0x1.8ec0e4p-7f};
 
+static const float half_model_sure_mean[1] = {
+    -0x1.da2876p-5f};
+
+static const float half_model_sure_inv_std[1] = {
+    -0x1.ffd844p-4f};
+
+static const uint16_t half_model_sure_w[68] = {
+    0x3076u, 0x3630u, 0xb468u, 0x2cfbu, 0x17bdu, 0x34dbu,
+    0x33eau, 0x2fccu, 0x2e68u, 0x322bu, 0xb087u, 0xb2f3u,
+    0x20f6u, 0xaac5u, 0x36e3u, 0xb4f0u, 0xab9cu, 0x2df9u,
+    0x3410u, 0xaf58u, 0x307bu, 0x3228u, 0x35d7u, 0x319fu,
+    0xa843u, 0x2df2u, 0x3486u, 0xac15u, 0x2b7cu, 0x2ed6u,
+    0x3133u, 0x9d68u, 0xb362u, 0xaaa4u, 0xb05au, 0x24b7u,
+    0xad76u, 0x326au, 0x1ebbu, 0x2ad4u, 0x2097u, 0x2423u,
+    0xadadu, 0xad0au, 0x30d5u, 0xb3e2u, 0xaf28u, 0xa455u,
+    0x30c0u, 0x25acu, 0xb358u, 0x3055u, 0x9e42u, 0xb16eu,
+    0xaa0cu, 0xb1edu, 0x305eu, 0xb540u, 0xb577u, 0x2de8u,
+    0x290cu, 0xb40au, 0xb4f8u, 0x3472u, 0x3126u, 0xb1eeu,
+    0xb1d7u, 0xb018u};
+
+static const float half_model_sure_b[2] = {
+    -0x1.0bdb56p-5f, -0x1.be2934p+2f};
+
 static const aminn_known_answer_t half_model_known_answer = {
     .state = {
         .q = {0.0f, 0x1.333334p-3f, 0x1.19999ap-1f, 0.0f, 0x1.333334p-3f, 0x1.19999ap-1f, 0x1.333334p-3f, 0x1.19999ap-1f},
@@ -2303,14 +2326,17 @@ static const aminn_known_answer_t half_model_known_answer = {
         .dx_ht = {0x1.68fc78p-15f, -0x1.40d172p-11f, -0x1.344724p-14f, -0x1.1b7088p-7f, 0x1.a317a4p-8f, -0x1.b2596ep-8f},
         .k_x = {{0x1.82596ep+14f, 0x1.8e6836p+9f, -0x1.217b32p+10f, -0x1.3fba26p+3f, -0x1.bc9fc6p+6f, -0x1.3d3faep+5f}, {0x1.8e6836p+9f, 0x1.086a42p+11f, -0x1.23638ep+11f, -0x1.0ecce2p+6f, -0x1.d40536p+3f, -0x1.d2e0a4p+3f}, {-0x1.217b32p+10f, -0x1.23638ep+11f, 0x1.641b48p+14f, 0x1.1afcdp+6f, 0x1.5648b4p+5f, 0x1.89dfbp+4f}, {-0x1.3fba26p+3f, -0x1.0ecce2p+6f, 0x1.1afcdp+6f, 0x1.a29754p+1f, 0x1.125728p-1f, 0x1.2137a2p-3f}, {-0x1.bc9fc6p+6f, -0x1.d40536p+3f, 0x1.5648b4p+5f, 0x1.125728p-1f, 0x1.c7ac8ep+2f, 0x1.a74ac6p+1f}, {-0x1.3d3faep+5f, -0x1.d2e0a4p+3f, 0x1.89dfbp+4f, 0x1.2137a2p-3f, 0x1.a74ac6p+1f, 0x1.553dc4p+2f}},
         .gate = {0x1.e998ep-1f, 0x1.d30334p-1f, 0x1.cc28d6p-1f},
+        .p_slide = 0x1.13a4c2p-1f,
+        .bound_95 = 0x1.ed8936p-11f,
+        .friction_use = {0.0f, 0.0f, 0.0f},
         .condition = 0x1.3d7c6ep+11f,
         .stable = 1, .notes = 1u,
     },
 };
 
 const aminn_model_t half_model = {
-    .format_version = 8u,
-    .content_crc = 0x7788a010u,
+    .format_version = 9u,
+    .content_crc = 0xc3bd40a7u,
     .n_branch = 3u,
     .n_coord = 3u,
     .n_joint = 8u,
@@ -2319,17 +2345,25 @@ const aminn_model_t half_model = {
     .n_gated = 3u,
     .n_twist = 0u,
     .n_stiff = 10u,
+    .n_tendon = 6u,
+    .n_slide = 0u,
     .n_told = 0u,
+    .n_sensed = 0u,
     .contact_width = 28u,
     .width = 33u,
     .classifier_width = 17u,
     .dq0 = AMINN_DQ0_STATICS,
     .weight_type = AMINN_WEIGHTS_FLOAT16,
-    .stages_crc = 0xbf6892d0u,
+    .stages_crc = 0xcb8d19c7u,
     .length_scale = 0x1.99999ap-4f,
     .log_range = 0x1p+1f,
     .displacement_log_scale = 0x1.0624dep-10f,
     .tau = 0x1p-1f,
+    .friction_nominal = 0x1.8p-1f,
+    .max_translation = 0x1.47ae14p-7f,
+    .max_rotation = 0x1.666666p-2f,
+    .bound_edge = {0x1p-2f, 0x1p-1f, 0x1.8p-1f},
+    .bound_factor = {0x1.ccccccp-1f, 0x1.19999ap+0f, 0x1.333334p+0f, 0x1.8p+0f},
     .checkpoint_sha256 = {0xb4, 0x25, 0x67, 0x08, 0x44, 0x20, 0x12, 0x2a, 0x74, 0x3d, 0x98, 0x99, 0x30, 0x0d, 0x3a, 0x7d, 0xf3, 0xae, 0x71, 0x56, 0xb3, 0x61, 0x6a, 0xf2, 0x76, 0x8e, 0x68, 0x04, 0x84, 0x5f, 0x68, 0x86},
     .data_sha256 = {0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00},
     .name = "half_model",
@@ -2358,6 +2392,10 @@ const aminn_model_t half_model = {
     .cls1_b = half_model_cls1_b,
     .cls2_w = half_model_cls2_w,
     .cls2_b = half_model_cls2_b,
+    .sure_mean = half_model_sure_mean,
+    .sure_inv_std = half_model_sure_inv_std,
+    .sure_w = half_model_sure_w,
+    .sure_b = half_model_sure_b,
     .known_answer = &half_model_known_answer,
     .stage = {{
         .eps_kx = 0x1.0624dep-10f,

@@ -611,6 +611,21 @@ static const float tiny_model_cls2_w[7] = {
 static const float tiny_model_cls2_b[1] = {
     -0x1.f28bc6p-6f};
 
+static const float tiny_model_sure_mean[1] = {
+    -0x1.3258e8p-2f};
+
+static const float tiny_model_sure_inv_std[1] = {
+    0x1.9a00fap-4f};
+
+static const float tiny_model_sure_w[20] = {
+    0x1.730a04p-2f, -0x1.2e3f7cp-1f, 0x1.6a3b14p-2f, 0x1.479cf4p-3f, 0x1.bb8df8p-2f, -0x1.4baff4p-4f,
+    0x1.7f4d7p-1f, -0x1.732336p-2f, -0x1.4dacb8p-6f, 0x1.89c352p-3f, 0x1.a9101cp-2f, -0x1.6ec2b4p-3f,
+    -0x1.513726p-2f, -0x1.63fc74p-1f, -0x1.40c992p-3f, -0x1.f7bc58p-2f, 0x1.df1376p-2f, 0x1.91057cp-1f,
+    0x1.62a09cp-3f, -0x1.57645ep-1f};
+
+static const float tiny_model_sure_b[2] = {
+    0x1.6d0a02p-6f, -0x1.bc187cp+2f};
+
 static const aminn_known_answer_t tiny_model_known_answer = {
     .state = {
         .q = {0.0f, 0x1.333334p-3f, 0x1.19999ap-1f, 0.0f, 0x1.333334p-3f, 0x1.19999ap-1f, 0x1.333334p-3f, 0x1.19999ap-1f},
@@ -623,14 +638,17 @@ static const aminn_known_answer_t tiny_model_known_answer = {
         .dx_ht = {0x1.0d001cp-15f, -0x1.0fda9cp-13f, -0x1.24a3e4p-14f, 0x1.7d7b44p-9f, 0x1.89434cp-8f, -0x1.f3ec9p-9f},
         .k_x = {{0x1.53bc7p+14f, -0x1.e6f1ccp+7f, -0x1.266f4ep+10f, -0x1.055fc6p+3f, -0x1.88381cp+6f, -0x1.a8810ep+4f}, {-0x1.e6f1ccp+7f, 0x1.5f3586p+11f, -0x1.99882ep+10f, -0x1.9799d6p+5f, -0x1.2429bep+3f, 0x1.48d1p+3f}, {-0x1.266f4ep+10f, -0x1.99882ep+10f, 0x1.024f54p+14f, 0x1.df0654p+5f, 0x1.7845cap+3f, 0x1.14c4c6p+4f}, {-0x1.055fc6p+3f, -0x1.9799d6p+5f, 0x1.df0654p+5f, 0x1.3196e6p+1f, 0x1.377bb8p-3f, 0x1.c1a2bap-8f}, {-0x1.88381cp+6f, -0x1.2429bep+3f, 0x1.7845cap+3f, 0x1.377bb8p-3f, 0x1.570b92p+2f, 0x1.49bf6ep+1f}, {-0x1.a8810ep+4f, 0x1.48d1p+3f, 0x1.14c4c6p+4f, 0x1.c1a2bap-8f, 0x1.49bf6ep+1f, 0x1.72a61p+2f}},
         .gate = {0x1.dc339ap-1f, 0x1.c054c2p-1f, 0x1.d0abbep-1f},
+        .p_slide = 0x1.8367bep-1f,
+        .bound_95 = 0x1.0056cep-10f,
+        .friction_use = {0.0f, 0.0f, 0.0f},
         .condition = 0x1.962c44p+9f,
         .stable = 0, .notes = 1u,
     },
 };
 
 const aminn_model_t tiny_model = {
-    .format_version = 8u,
-    .content_crc = 0x263eaf5cu,
+    .format_version = 9u,
+    .content_crc = 0x243b914bu,
     .n_branch = 3u,
     .n_coord = 3u,
     .n_joint = 8u,
@@ -639,17 +657,25 @@ const aminn_model_t tiny_model = {
     .n_gated = 3u,
     .n_twist = 0u,
     .n_stiff = 10u,
+    .n_tendon = 6u,
+    .n_slide = 0u,
     .n_told = 0u,
+    .n_sensed = 0u,
     .contact_width = 5u,
     .width = 9u,
     .classifier_width = 7u,
     .dq0 = AMINN_DQ0_INVERSE,
     .weight_type = AMINN_WEIGHTS_FLOAT32,
-    .stages_crc = 0x060c7992u,
+    .stages_crc = 0xd2e13b69u,
     .length_scale = 0x1.99999ap-4f,
     .log_range = 0x1p+1f,
     .displacement_log_scale = 0x1.0624dep-10f,
     .tau = 0x1p-1f,
+    .friction_nominal = 0x1.8p-1f,
+    .max_translation = 0x1.47ae14p-7f,
+    .max_rotation = 0x1.666666p-2f,
+    .bound_edge = {0x1p-2f, 0x1p-1f, 0x1.8p-1f},
+    .bound_factor = {0x1.ccccccp-1f, 0x1.19999ap+0f, 0x1.333334p+0f, 0x1.8p+0f},
     .checkpoint_sha256 = {0x1d, 0x6e, 0x65, 0x0e, 0x16, 0x53, 0x29, 0x5c, 0x2f, 0x5e, 0x86, 0x04, 0x6d, 0x33, 0xa1, 0xb0, 0xf7, 0xd7, 0x05, 0xe7, 0x31, 0x8a, 0x59, 0x49, 0x02, 0xda, 0xe7, 0x93, 0x9e, 0x6d, 0xde, 0x13},
     .data_sha256 = {0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00, 0x00},
     .name = "tiny_model",
@@ -678,6 +704,10 @@ const aminn_model_t tiny_model = {
     .cls1_b = tiny_model_cls1_b,
     .cls2_w = tiny_model_cls2_w,
     .cls2_b = tiny_model_cls2_b,
+    .sure_mean = tiny_model_sure_mean,
+    .sure_inv_std = tiny_model_sure_inv_std,
+    .sure_w = tiny_model_sure_w,
+    .sure_b = tiny_model_sure_b,
     .known_answer = &tiny_model_known_answer,
     .stage = {{
         .eps_kx = 0x1.0624dep-10f,

@@ -43,7 +43,10 @@ inline void put_header(Bytes &bytes, const aminn_model_t &m)
                        m.n_gated,
                        m.n_twist,
                        m.n_stiff,
+                       m.n_tendon,
+                       m.n_slide,
                        m.n_told,
+                       m.n_sensed,
                        m.contact_width,
                        m.width,
                        m.classifier_width,
@@ -52,9 +55,12 @@ inline void put_header(Bytes &bytes, const aminn_model_t &m)
                        m.stages_crc}) {
         put(bytes, v);
     }
-    for (float v : {m.length_scale, m.log_range, m.displacement_log_scale, m.tau}) {
+    for (float v : {m.length_scale, m.log_range, m.displacement_log_scale, m.tau, m.friction_nominal, m.max_translation,
+                    m.max_rotation}) {
         put(bytes, v);
     }
+    put(bytes, m.bound_edge);
+    put(bytes, m.bound_factor);
     put(bytes, m.checkpoint_sha256);
     put(bytes, m.data_sha256);
     for (float v : {m.stage[0].eps_kx, m.stage[1].eps_kx, m.stage[0].eps_jq, m.stage[1].eps_jq}) {
@@ -62,7 +68,7 @@ inline void put_header(Bytes &bytes, const aminn_model_t &m)
     }
     put_name(bytes, m.name, 56);
     put_name(bytes, m.hand, 56);
-    put_name(bytes, m.made_by, 32);
+    put_name(bytes, m.made_by, 44);
 }
 
 // Size and CRC-32 in a blob's header made right (the fuzz targets do it faster, for millions of blobs).

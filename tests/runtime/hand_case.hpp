@@ -14,6 +14,7 @@ constexpr int kPacked = AMINN_N_CHOLESKY, kContactWidth = 9, kWidth = 16, kClass
 /* networks of some hands see the factors of theta */
 constexpr int kTold = C != 3 ? AMINN_N_FACTOR : 0, kGlobal = AMINN_N_GLOBAL_INPUT + kTold;
 constexpr int kTrunkInput = kContactWidth + kGlobal, kClassifierInput = kWidth + AMINN_N_AUX;
+constexpr int kSureInput = kWidth + AMINN_N_SURE;
 static_assert(AMINN_N_STIFF == AMINN_N_JOINT, "a stiffness for each joint");
 /* where a tendon's numbers stand in the head, in rows of B (aminn_rt.h has the order) */
 constexpr bool kSoft = AMINN_N_TWIST > 0;
@@ -57,6 +58,7 @@ struct Tables {
         gate_nom[3], twist_nom[B], theta_terms[(1 + AMINN_N_STIFF) * B * AMINN_N_TERM];
     float coord_mask[B * C], aux_mean[AMINN_N_AUX], aux_inv_std[AMINN_N_AUX];
     float cls1_w[kClassifierInput * kClassifier], cls1_b[kClassifier], cls2_w[kClassifier], cls2_b[1];
+    float sure_mean[AMINN_N_SURE], sure_inv_std[AMINN_N_SURE], sure_w[kSureInput * 2], sure_b[2];
     StageTables stage[AMINN_N_STAGE];
 };
 
@@ -169,6 +171,10 @@ inline void make_model(Tables &t, aminn_model_t &m)
     random.fill(t.cls1_w, kClassifierInput * kClassifier, -0.3F, 0.3F);
     random.fill(t.cls1_b, kClassifier, -0.5F, 0.5F);
     random.fill(t.cls2_w, kClassifier, -0.5F, 0.5F);
+    random.fill(t.sure_mean, AMINN_N_SURE, -0.1F, 0.1F);
+    random.fill(t.sure_inv_std, AMINN_N_SURE, 0.5F, 0.7F);
+    random.fill(t.sure_w, kSureInput * 2, -0.3F, 0.3F);
+    random.fill(t.sure_b, 2, -1.0F, 1.0F);
     t.gate_nom[0] = 40.0F;
     t.gate_nom[1] = 0.02F;
     t.gate_nom[2] = 0.3F;
@@ -183,6 +189,15 @@ inline void make_model(Tables &t, aminn_model_t &m)
     m.log_range = 0.7F;
     m.displacement_log_scale = 1e-3F;
     m.tau = 0.5F;
+    m.friction_nominal = 0.75F;
+    m.max_translation = 0.010F;
+    m.max_rotation = 0.35F;
+    for (int i = 0; i < 3; ++i) {
+        m.bound_edge[i] = 0.25F * static_cast<float>(1 + i);
+    }
+    for (int i = 0; i < 4; ++i) {
+        m.bound_factor[i] = 0.9F + 0.2F * static_cast<float>(i);
+    }
     m.wrench_log_scale = t.wrench_log_scale;
     m.nominal.chol = t.chol_nom;
     m.tendon_dir_nom = t.tendon_dir_nom;
@@ -204,6 +219,10 @@ inline void make_model(Tables &t, aminn_model_t &m)
     m.cls1_b = t.cls1_b;
     m.cls2_w = t.cls2_w;
     m.cls2_b = t.cls2_b;
+    m.sure_mean = t.sure_mean;
+    m.sure_inv_std = t.sure_inv_std;
+    m.sure_w = t.sure_w;
+    m.sure_b = t.sure_b;
 }
 
 /* Every third input has a branch out of contact, where three and more are left, every fourth one that fades. */

@@ -21,7 +21,7 @@ struct Stage {
 };
 
 struct Reference {
-    double p_stable;
+    double p_stable, p_slide, bound_95;
     Stage stage[AMINN_N_STAGE];
 };
 
@@ -319,6 +319,29 @@ inline double classify(const aminn_model_t &model, const Stage &stage, double (&
     return 1.0 / (1.0 + std::exp(-logit));
 }
 
+/* p_slide and bound_95 of stage 2's trunk and statics. */
+inline void doubt(const aminn_model_t &model, const Stage &stage, const double (&trunk)[kClassifierInput],
+                  Reference &reference)
+{
+    double feature[kSureInput], square = 0.0, found[2];
+    for (int i = 0; i < W; ++i) {
+        const double x = stage.dx[i] * (i < 3 ? 1.0 : static_cast<double>(model.length_scale));
+        square += x * x;
+    }
+    for (int i = 0; i < kWidth; ++i) {
+        feature[i] = trunk[i];
+    }
+    const double seen = std::log1p(std::sqrt(square) / static_cast<double>(model.displacement_log_scale));
+    feature[kWidth] = normal(seen, model.sure_mean, model.sure_inv_std, 0);
+    dense(model.sure_w, model.sure_b, feature, kSureInput, 2, false, found);
+    reference.p_slide = 1.0 / (1.0 + std::exp(-found[0]));
+    int bin = 0;
+    for (const float edge : model.bound_edge) {
+        bin += reference.p_slide >= static_cast<double>(edge) ? 1 : 0;
+    }
+    reference.bound_95 = std::exp(found[1]) * static_cast<double>(model.bound_factor[bin]);
+}
+
 inline Reference predict(const aminn_model_t &model, const aminn_input_t &in)
 {
     Reference reference = {};
@@ -326,6 +349,7 @@ inline Reference predict(const aminn_model_t &model, const aminn_input_t &in)
     run_stage(model, 0, in, reference.stage[0], feature);
     reference.p_stable = classify(model, reference.stage[0], feature);
     run_stage(model, 1, in, reference.stage[1], feature);
+    doubt(model, reference.stage[1], feature, reference);
     return reference;
 }
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aminn_export.files.layout import classifier_shapes, stage_shapes, stored_type
+from aminn_export.files.layout import classifier_shapes, stage_shapes, stored_type, sure_shapes
 from aminn_export.files.ranges import state_ranges
 from aminn_export.files.tables import STAGES, by_branch, dims_of
 from aminn_hand import Dims
@@ -88,7 +88,8 @@ def random_model(
     rng = np.random.default_rng(seed)
     hc, h, hd = widths
     tensors = dict(_nominal())
-    dims = dims_of(tensors)
+    counts = {"tendons": DIMS.tendons, "slides": False, "sensing": False}
+    dims = dims_of(RandomModel(counts, tensors))
     eps = by_branch([eps_m, 0.8 * eps_m], dims.branches)
     for stage, eps_of_stage in zip(STAGES, eps, strict=True):
         for name, shape in stage_shapes(dims, hc, h).items():
@@ -96,6 +97,9 @@ def random_model(
         tensors |= {f"{stage}.{k}": v for k, v in _fit_normalisers(random_inputs(512, seed + 1)).items()}
     for name, shape in classifier_shapes(dims, h, hd).items():
         tensors[f"s1.{name}"] = _random_table(rng, name, shape)
+    for name, shape in sure_shapes(dims, h).items():
+        tensors[f"s2.{name}"] = _random_table(rng, name, shape)
+    tensors["s2.sure_b"] += [0.0, -7.0]
     tensors |= state_ranges(random_inputs(512, seed + 1))
     tensors["s1.aux_mean"][:] = [0] * 6 + [8] * 6 + [0.5] * 3
     tensors["s1.aux_inv_std"][:] = [0.5] * 6 + [0.7] * 6 + [2.0] * 3
@@ -113,12 +117,17 @@ def random_model(
         "eps_kx": [1e-3, 2e-3],
         "eps_jq": [1e-3, 1e-3],
         "dq0": dq0,
+        "friction_nominal": 0.75,
+        "max_translation": 0.010,
+        "max_rotation": 0.35,
+        "bound_edge": [0.25, 0.5, 0.75],
+        "bound_factor": [0.9, 1.1, 1.2, 1.5],
         "branches": list(BRANCHES),
         "joints": list(JOINTS),
         "branch_joints": [list(row) for row in BRANCH_JOINTS],
         "checkpoint_sha256": hashlib.sha256(f"random {seed} {widths} {dq0} {eps_m}".encode()).hexdigest(),
     }
-    return RandomModel(meta, tensors)
+    return RandomModel(meta | counts, tensors)
 
 
 def _random_table(rng: np.random.Generator, name: str, shape: tuple[int, ...]) -> NDArray:

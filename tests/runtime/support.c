@@ -34,7 +34,7 @@ golden_t load_golden(const char *path)
     golden.n = header->n;
     golden.inputs = (const aminn_input_t *)(const void *)(header + 1);
     golden.reference = (const float *)(golden.inputs + golden.n);
-    TEST_ASSERT_EQUAL_UINT32(0, vector_n_theta(header));
+    TEST_ASSERT_EQUAL_UINT32(VECTOR_N_IN, vector_sample(header));
     if (vector_has_f64(header)) {
         golden.reference_f64 = (const double *)(const void *)(golden.reference + (size_t)golden.n * VECTOR_N_OUT);
     }

@@ -5,8 +5,8 @@
 #include "support.h"
 
 enum {
-    HEADER_SIZE = 320,
-    ANSWER_SIZE = 384, /* of the last table, with what fills it up */
+    HEADER_SIZE = 384,
+    ANSWER_SIZE = 448, /* of the last table, with what fills it up */
     TABLE_ALIGNMENT = 64,
     CRC_START = 16,
     OFFSET_MAGIC = 0,
@@ -61,7 +61,7 @@ static void a_good_blob_is_used_in_place(void)
     TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_model_from_blob(blob, size, &model));
     TEST_ASSERT_TRUE((const uint8_t *)model.wrench_log_scale == blob + HEADER_SIZE);
     TEST_ASSERT_TRUE((const uint8_t *)model.known_answer == blob + size - ANSWER_SIZE);
-    TEST_ASSERT_TRUE((const uint8_t *)model.cls2_b == blob + size - ANSWER_SIZE - TABLE_ALIGNMENT);
+    TEST_ASSERT_TRUE((const uint8_t *)model.sure_b == blob + size - ANSWER_SIZE - TABLE_ALIGNMENT);
     TEST_ASSERT_EQUAL_UINT(0, (size_t)((const uint8_t *)model.stage[1].trunk1_w - blob) % TABLE_ALIGNMENT);
     TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_model_check(&model));
 }
@@ -83,6 +83,9 @@ static void it_holds_what_the_c_source_holds(void)
     TEST_ASSERT_EQUAL_HEX32(aminn_model.stages_crc, model.stages_crc);
     TEST_ASSERT_EQUAL_MEMORY(aminn_model.known_answer, model.known_answer, sizeof(aminn_known_answer_t));
     TEST_ASSERT_EQUAL_MEMORY(&aminn_model.tau, &model.tau, sizeof(float));
+    TEST_ASSERT_EQUAL_MEMORY(&aminn_model.friction_nominal, &model.friction_nominal, 3 * sizeof(float));
+    TEST_ASSERT_EQUAL_MEMORY(aminn_model.bound_edge, model.bound_edge, sizeof model.bound_edge);
+    TEST_ASSERT_EQUAL_MEMORY(aminn_model.bound_factor, model.bound_factor, sizeof model.bound_factor);
     TEST_ASSERT_EQUAL_MEMORY(&aminn_model.stage[1].eps_kx, &model.stage[1].eps_kx, 2 * sizeof(float));
     TEST_ASSERT_EQUAL_MEMORY(aminn_model.nominal.eps_m[1], model.nominal.eps_m[1], AMINN_N_BRANCH * sizeof(float));
     TEST_ASSERT_EQUAL_MEMORY(aminn_model.geom_anchor, model.geom_anchor, 27 * sizeof(float));
@@ -91,6 +94,7 @@ static void it_holds_what_the_c_source_holds(void)
     TEST_ASSERT_EQUAL_MEMORY(aminn_model.geom_axis, model.geom_axis, 27 * sizeof(float));
     TEST_ASSERT_EQUAL_MEMORY(aminn_model.stage[1].trunk2_w, model.stage[1].trunk2_w, h * h * sizeof(float));
     TEST_ASSERT_EQUAL_MEMORY(aminn_model.cls1_w, model.cls1_w, (h + AMINN_N_AUX) * hd * sizeof(float));
+    TEST_ASSERT_EQUAL_MEMORY(aminn_model.sure_w, model.sure_w, (h + AMINN_N_SURE) * 2 * sizeof(float));
 }
 
 static void null_arguments_are_refused(void)
@@ -159,10 +163,10 @@ static void damage_anywhere_is_found(void)
 /* a blob with a right CRC but a content that this runtime cannot use */
 static void a_sealed_blob_is_checked_too(void)
 {
-    enum { OFFSET_N_BRANCH = 20, OFFSET_WIDTH = 60, OFFSET_DQ0 = 68, OFFSET_EPS_KX = 160 };
+    enum { OFFSET_N_BRANCH = 20, OFFSET_WIDTH = 72, OFFSET_DQ0 = 80, OFFSET_EPS_KX = 212 };
     const uint32_t nan_bits = 0x7FC00000u;
     size_t dim;
-    for (dim = 0; dim < 9; ++dim) {
+    for (dim = 0; dim < 12; ++dim) {
         const size_t at = OFFSET_N_BRANCH + 4 * dim;
         const uint32_t kept = get_u32(at);
         put_u32(at, kept + 1);
@@ -188,11 +192,11 @@ static void a_sealed_blob_is_checked_too(void)
     seal();
     assert_refused(AMINN_E_MODEL, blob, size);
     memcpy(blob + OFFSET_EPS_KX, &aminn_model.stage[0].eps_kx, sizeof(float));
-    put_u32(size - ANSWER_SIZE - TABLE_ALIGNMENT, nan_bits); /* this table has one number */
+    put_u32(size - ANSWER_SIZE - TABLE_ALIGNMENT, nan_bits);
     seal();
     assert_refused(AMINN_E_MODEL, blob, size);
-    memcpy(blob + size - ANSWER_SIZE - TABLE_ALIGNMENT, aminn_model.cls2_b, sizeof(float));
-    put_u32(size - ANSWER_SIZE + 4 * 92, nan_bits); /* the last word of the known answer */
+    memcpy(blob + size - ANSWER_SIZE - TABLE_ALIGNMENT, aminn_model.sure_b, 2 * sizeof(float));
+    put_u32(size - ANSWER_SIZE + 4 * 97, nan_bits); /* the last word of the known answer */
     seal();
     assert_refused(AMINN_E_MODEL, blob, size);
 }
@@ -200,7 +204,7 @@ static void a_sealed_blob_is_checked_too(void)
 /* a name fills its place to the last byte, where its end has to be */
 static void a_name_without_an_end_is_refused(void)
 {
-    static const size_t names[][2] = {{176, 56}, {232, 56}, {288, 32}};
+    static const size_t names[][2] = {{228, 56}, {284, 56}, {340, 44}};
     size_t i;
     for (i = 0; i < sizeof names / sizeof names[0]; ++i) {
         uint8_t kept[56];

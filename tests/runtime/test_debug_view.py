@@ -37,7 +37,7 @@ int shim_predict(const void *blob, size_t size, const float *in, float *out, flo
         aminn_output_t output;
         memcpy(&input, in + 125 * i, sizeof input);
         status = aminn_predict(&ctx, &input, &output);
-        memcpy(out + 46 * i, &output, 46 * sizeof(float));
+        memcpy(out + 51 * i, &output, 51 * sizeof(float));
         for (k = 0; k < AMINN_N_STAGE && status == AMINN_OK; ++k) {
             memcpy(debug, aminn_debug(&ctx, k), sizeof(aminn_stage_debug_t));
             debug += sizeof(aminn_stage_debug_t) / sizeof(float);
@@ -82,7 +82,7 @@ def predict(library: ctypes.CDLL, blob: bytes, inputs: dict[str, NDArray]) -> di
     """Outputs of the runtime by the names of `aminn_debug.onnx`."""
     rows = np.ascontiguousarray(pack(inputs, DIMS.inputs, "<f4"))
     n = len(rows)
-    out, debug = np.zeros((n, 46), np.float32), np.zeros((n, 2, N_DEBUG), np.float32)
+    out, debug = np.zeros((n, 51), np.float32), np.zeros((n, 2, N_DEBUG), np.float32)
     floats = ctypes.POINTER(ctypes.c_float)
     pointers = [a.ctypes.data_as(floats) for a in (rows, out, debug)]
     library.shim_predict.argtypes = [ctypes.c_char_p, ctypes.c_size_t, floats, floats, floats, ctypes.c_int]

@@ -21,7 +21,7 @@ void tearDown(void)
 }
 
 typedef struct parity {
-    double p_stable, dx_max, dx_median, dx_excess, k_x, gate;
+    double p_stable, dx_max, dx_median, dx_excess, k_x, gate, p_slide, bound_95;
     uint32_t decisions;
 } parity_t;
 
@@ -82,6 +82,8 @@ static parity_t compare(const aminn_model_t *model, const golden_t *g, int f64)
         worst.p_stable = fmax(worst.p_stable, fabs((double)out.p_stable - ref(g, f64, s, 0)));
         worst.k_x = fmax(worst.k_x, largest_relative(&out.k_x[0][0], g, f64, s, 7, 36));
         worst.gate = fmax(worst.gate, largest_relative(out.gate, g, f64, s, 43, 3));
+        worst.p_slide = fmax(worst.p_slide, fabs((double)out.p_slide - ref(g, f64, s, 46)));
+        worst.bound_95 = fmax(worst.bound_95, largest_relative(&out.bound_95, g, f64, s, 47, 1));
         worst.decisions += out.stable != ((float)ref(g, f64, s, 0) >= model->tau);
     }
     qsort(relative, g->n, sizeof *relative, by_size);
@@ -102,6 +104,8 @@ static void assert_parity(const char *name, const aminn_model_t *model, const go
     TEST_ASSERT_TRUE(worst.p_stable <= 1e-5);
     TEST_ASSERT_TRUE(worst.k_x < 1e-4);
     TEST_ASSERT_TRUE(worst.gate < 1e-3);
+    TEST_ASSERT_TRUE(worst.p_slide <= 1e-5);
+    TEST_ASSERT_TRUE(worst.bound_95 <= 1e-5);
     TEST_ASSERT_EQUAL_UINT32(0, worst.decisions);
 }
 

@@ -89,6 +89,8 @@ static void check_against_float64(void)
         const aminn_output_t out = run(aminn::core_plain::run_cascade, plain, in);
         const hand_reference::Reference want = hand_reference::predict(model, in);
         TEST_ASSERT_DOUBLE_WITHIN(1e-5, want.p_stable, static_cast<double>(out.p_stable));
+        TEST_ASSERT_DOUBLE_WITHIN(1e-5, want.p_slide, static_cast<double>(out.p_slide));
+        TEST_ASSERT_DOUBLE_WITHIN(1e-5 * want.bound_95, want.bound_95, static_cast<double>(out.bound_95));
         check_stage(plain.stage[0], want.stage[0]);
         check_stage(plain.stage[1], want.stage[1]);
         TEST_ASSERT_EQUAL_MEMORY(plain.stage[1].dx, out.dx_ht, sizeof out.dx_ht);

@@ -56,6 +56,8 @@ extern "C" void setUp(void)
     model.n_gated = AMINN_N_GATED;
     model.n_twist = AMINN_N_TWIST;
     model.n_stiff = AMINN_N_STIFF;
+    model.n_tendon = AMINN_N_TENDON;
+    model.n_slide = AMINN_N_SLIDE;
     model.name = "made up";
     model.hand = AMINN_HAND_NAME;
     model.made_by = "a test";
@@ -103,9 +105,9 @@ static void a_blob_predicts_as_the_model_in_memory()
 
 static void a_model_of_another_hand_is_refused()
 {
-    uint32_t *const counts[] = {&model.n_branch,          &model.n_coord,  &model.n_joint,
-                                &model.n_contact_feature, &model.n_wrench, &model.n_gated,
-                                &model.n_twist,           &model.n_stiff,  &model.n_told};
+    uint32_t *const counts[] = {&model.n_branch, &model.n_coord, &model.n_joint, &model.n_contact_feature,
+                                &model.n_wrench, &model.n_gated, &model.n_twist, &model.n_stiff,
+                                &model.n_tendon, &model.n_slide, &model.n_told,  &model.n_sensed};
     for (uint32_t *count : counts) {
         *count += 1;
         TEST_ASSERT_EQUAL_INT(AMINN_E_DIMS, aminn_model_check(&model));

@@ -58,9 +58,9 @@ static void another_version_is_refused(void)
 
 static void another_hand_is_refused(void)
 {
-    uint32_t *dims[] = {&model.n_branch,          &model.n_coord,  &model.n_joint,
-                        &model.n_contact_feature, &model.n_wrench, &model.n_gated,
-                        &model.n_twist,           &model.n_stiff,  &model.n_told};
+    uint32_t *dims[] = {&model.n_branch, &model.n_coord, &model.n_joint, &model.n_contact_feature,
+                        &model.n_wrench, &model.n_gated, &model.n_twist, &model.n_stiff,
+                        &model.n_tendon, &model.n_slide, &model.n_told,  &model.n_sensed};
     size_t i;
     for (i = 0; i < sizeof dims / sizeof dims[0]; ++i) {
         *dims[i] += 1;
@@ -115,6 +115,10 @@ static void a_missing_table_is_refused(void)
     REFUSED_WITHOUT(cls1_b);
     REFUSED_WITHOUT(cls2_w);
     REFUSED_WITHOUT(cls2_b);
+    REFUSED_WITHOUT(sure_mean);
+    REFUSED_WITHOUT(sure_inv_std);
+    REFUSED_WITHOUT(sure_w);
+    REFUSED_WITHOUT(sure_b);
     REFUSED_WITHOUT(known_answer);
     REFUSED_WITHOUT(name);
     REFUSED_WITHOUT(hand);
@@ -144,6 +148,7 @@ static void a_weight_that_is_no_number_is_refused(void)
     REFUSED_VALUE(stage[1].trunk2_w, h * h, 0, INFINITY);
     REFUSED_VALUE(stage[1].head_b, AMINN_N_HEAD_STORED, AMINN_N_HEAD_STORED - 1, -INFINITY);
     REFUSED_VALUE(cls2_b, 1, 0, NAN);
+    REFUSED_VALUE(sure_w, 2 * (h + AMINN_N_SURE), 2 * h, NAN);
     REFUSED_VALUE(geom_axis, 27, 26, NAN);
 }
 
@@ -178,6 +183,14 @@ static void constants_out_of_range_are_refused(void)
     REFUSED_SCALAR(displacement_log_scale, NAN);
     REFUSED_SCALAR(tau, 1.5F);
     REFUSED_SCALAR(tau, NAN);
+    REFUSED_SCALAR(friction_nominal, 0.0F);
+    REFUSED_SCALAR(max_translation, -0.01F);
+    REFUSED_SCALAR(max_rotation, INFINITY);
+    REFUSED_SCALAR(bound_edge[0], -0.1F);
+    REFUSED_SCALAR(bound_edge[1], NAN);
+    REFUSED_SCALAR(bound_edge[1], 0.2F); /* not ascending */
+    REFUSED_SCALAR(bound_edge[2], 1.5F);
+    REFUSED_SCALAR(bound_factor[3], 0.0F);
     REFUSED_VALUE(nominal.eps_m[0], 3, 0, 0.0F);
     REFUSED_VALUE(nominal.eps_m[1], 3, 2, -1e-5F);
     REFUSED_SCALAR(stage[1].eps_kx, INFINITY);

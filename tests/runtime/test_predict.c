@@ -92,6 +92,9 @@ static void stage_2_is_skipped_when_the_grasp_does_not_hold(void)
     }
     TEST_ASSERT_FLOAT_IS_NAN(out.k_x[5][5]);
     TEST_ASSERT_FLOAT_IS_NAN(out.gate[2]);
+    TEST_ASSERT_FLOAT_IS_NAN(out.p_slide);
+    TEST_ASSERT_FLOAT_IS_NAN(out.bound_95);
+    TEST_ASSERT_EQUAL_FLOAT(0.0F, out.friction_use[2]);
     TEST_ASSERT_NOT_NULL(aminn_debug(&ctx, 0));
     TEST_ASSERT_NULL(aminn_debug(&ctx, 1));
 }
@@ -109,6 +112,38 @@ static void a_flag_runs_stage_2_always(void)
     out.stable = 1;
     assert_same_output(&held, &out);
     TEST_ASSERT_NOT_NULL(aminn_debug(&ctx, 1));
+}
+
+/* The bound has the factor of the bin that p_slide lies in: an edge belongs to the bin above it. */
+static void the_bound_follows_the_bin_of_p_slide(void)
+{
+    static const float at[] = {-2.0F, -0.2F, 0.0F, 0.2F, 2.0F}; /* logits */
+    static const int bin[] = {0, 1, 2, 2, 3};
+    aminn_model_t model = model_with_tau(0.0F);
+    float bias[2] = {0.0F, 0.0F};
+    size_t i;
+    model.sure_b = bias;
+    for (i = 0; i < 4; ++i) {
+        model.bound_factor[i] = 1.0F + (float)i;
+    }
+    for (i = 0; i < sizeof at / sizeof *at; ++i) {
+        bias[0] = at[i];
+        bias[1] = -7.0F;
+        TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &model, 0));
+        TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict(&ctx, &in, &out));
+        TEST_ASSERT_FLOAT_WITHIN(1e-6F, 1.0F / (1.0F + expf(-at[i])), out.p_slide);
+        TEST_ASSERT_FLOAT_WITHIN(1e-9F, expf(-7.0F) * (float)(1 + bin[i]), out.bound_95);
+    }
+}
+
+static void a_bound_that_overflows_is_no_prediction(void)
+{
+    static const float bias[2] = {0.0F, 90.0F};
+    aminn_model_t model = model_with_tau(0.0F);
+    model.sure_b = bias;
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &model, 0));
+    TEST_ASSERT_EQUAL_INT(AMINN_E_NUMERIC, aminn_predict(&ctx, &in, &out));
+    TEST_ASSERT_FLOAT_IS_NAN(out.bound_95);
 }
 
 static void intermediates_are_kept_on_request(void)
@@ -267,6 +302,8 @@ int main(void)
     RUN_TEST(null_arguments_are_refused);
     RUN_TEST(stage_2_is_skipped_when_the_grasp_does_not_hold);
     RUN_TEST(a_flag_runs_stage_2_always);
+    RUN_TEST(the_bound_follows_the_bin_of_p_slide);
+    RUN_TEST(a_bound_that_overflows_is_no_prediction);
     RUN_TEST(intermediates_are_kept_on_request);
     RUN_TEST(the_threshold_belongs_to_stable);
     RUN_TEST(closure_given_or_computed_gives_the_same);

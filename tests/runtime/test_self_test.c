@@ -157,6 +157,8 @@ static void a_flipped_bit_of_any_table_is_found(void)
     FLIPPED(range_min, float, AMINN_N_STATE);
     FLIPPED(cls1_w, float, (h + AMINN_N_AUX) * hd);
     FLIPPED(cls2_b, float, 1);
+    FLIPPED(sure_mean, float, AMINN_N_SURE);
+    FLIPPED(sure_w, float, 2 * (model.width + AMINN_N_SURE));
     for (k = 0; k < AMINN_N_STAGE; ++k) {
         FLIPPED(stage[k].contact_w, float, AMINN_N_CONTACT_INPUT *hc);
         FLIPPED(stage[k].trunk2_w, float, h *h);
@@ -173,6 +175,8 @@ static void a_flipped_bit_of_a_float16_weight_is_found(void)
 static void a_flipped_bit_of_a_constant_is_found(void)
 {
     uint8_t *const places[] = {(uint8_t *)&model.tau,
+                               (uint8_t *)&model.max_rotation,
+                               (uint8_t *)&model.bound_factor[3],
                                (uint8_t *)&model.length_scale,
                                (uint8_t *)&model.stage[0].eps_kx,
                                (uint8_t *)&model.stage[1].eps_jq,
@@ -248,10 +252,10 @@ static void intermediates_that_are_not_the_librarys_are_found(void)
 {
     const uint32_t hc = model.contact_width, h = model.width, hd = model.classifier_width;
     const uint32_t elements =
-        421 + 2 * (197 + 52 * hc + (hc + 27) * h + (h + 1) * h + 40 * h) + 31 + (h + 17) * hd + 93;
+        421 + 2 * (197 + 52 * hc + (hc + 27) * h + (h + 1) * h + 40 * h) + 31 + (h + 17) * hd + 4 + 2 * (h + 1) + 98;
     const uint32_t before = model.stages_crc, after = before ^ 0x80u;
     model.stages_crc = after;
-    model.content_crc ^= crc_difference(before, after, 4 * 4 + 64 + 16 + 4 * (size_t)elements);
+    model.content_crc ^= crc_difference(before, after, 14 * 4 + 64 + 16 + 4 * (size_t)elements);
     FOUND(AMINN_E_KNOWN_ANSWER);
 }
 

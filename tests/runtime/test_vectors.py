@@ -99,13 +99,13 @@ def test_a_damaged_vector_file_is_named(samples, tmp_path, damage, message: str)
 
 
 def test_results_are_read(tmp_path) -> None:
-    rows = np.arange(2 * 47, dtype="<f4").reshape(2, 47)
-    rows[:, 46] = [1, 0]
+    rows = np.arange(2 * 52, dtype="<f4").reshape(2, 52)
+    rows[:, 51] = [1, 0]
     payload = rows.tobytes() + np.array([0, -9], "<i4").tobytes()
-    header = struct.pack("<8I", 0x4F4E4D41, 1, 2, 0, 47, 0, zlib.crc32(payload), 0)
+    header = struct.pack("<8I", 0x4F4E4D41, 2, 2, 0, 52, 0, zlib.crc32(payload), 0)
     (tmp_path / "r.bin").write_bytes(header + payload)
     results = read_results(tmp_path / "r.bin")
-    assert results.outputs["p_stable"].tolist() == [0, 47]
+    assert results.outputs["p_stable"].tolist() == [0, 52]
     assert results.outputs["gate"].shape == (2, 3)
     assert results.stable.tolist() == [True, False]
     assert results.status.tolist() == [0, -9]

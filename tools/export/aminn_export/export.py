@@ -127,7 +127,7 @@ def export(
     ranges = (
         state_ranges(training_part(checkpoint, dataset).samples)
         if dataset is not None
-        else unknown_ranges(dims_of(tables.tensors))
+        else unknown_ranges(dims_of(tables))
     )
     identity = {"made_by": f"aminn {runtime().version()}"}
     identity["name"] = default_name(prefix) if name is None else checked_name("name", name)

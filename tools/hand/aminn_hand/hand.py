@@ -41,7 +41,9 @@ N_GATE = 3
 STATE = ("q", "x_ht", "w_e", "contacts")
 """What is measured before a load, and the load (`aminn_state_t` of the C runtime)."""
 INPUTS = (*STATE, "j_x", "j_q")
-OUTPUTS = ("p_stable", "dx_ht", "k_x", "gate")
+MAX_LOG_BOUND = 80.0
+"""Of the logarithm of `bound_95`: where a network is far beyond its data its exponential is no number."""
+OUTPUTS = ("p_stable", "dx_ht", "k_x", "gate", "p_slide", "bound_95", "friction_use")
 """Of a model, in their order; `Dims.inputs` and `Dims.outputs` have the shapes."""
 
 
@@ -262,8 +264,19 @@ class Dims:
 
     @property
     def aux(self) -> int:
-        """What stage 1's classifier sees of the statics: motion, diagonal of K_x; gates if any; contacts that slide."""
-        return 2 * N_WRENCH + (self.branches if self.gates else 0) + (3 * self.branches if self.slides else 0)
+        """What stage 1's classifier sees of the statics: motion, diagonal of K_x; gates if any; of contacts that slide
+        their use of friction, how far they softened, their normal force."""
+        return 2 * N_WRENCH + (self.branches if self.gates else 0) + self.slid
+
+    @property
+    def sure(self) -> int:
+        """What p_slide and bound_95 follow from beside stage 2's feature: size of the motion; contacts that slide."""
+        return 1 + self.slid
+
+    @property
+    def slid(self) -> int:
+        """Numbers on how contacts slide, if they can: use of friction, softening, normal force of each."""
+        return 3 * self.branches if self.slides else 0
 
     @property
     def inputs(self) -> dict[str, tuple[int, ...]]:
@@ -291,18 +304,25 @@ class Dims:
 
     @property
     def outputs(self) -> dict[str, tuple[int, ...]]:
-        """Shape of each output of a model, without the batch. Without tendons `gate` is 0."""
-        return {"p_stable": (), "dx_ht": (N_WRENCH,), "k_x": (N_WRENCH, N_WRENCH), "gate": (self.branches,)}
+        """Shape of each output of a model, without the batch. Without tendons `gate` is 0, and `friction_use` where
+        contacts cannot slide."""
+        b = self.branches
+        shapes: tuple[tuple[int, ...], ...] = ((), (N_WRENCH,), (N_WRENCH, N_WRENCH), (b,), (), (), (b,))
+        return dict(zip(OUTPUTS, shapes, strict=True))
 
     @property
     def debug(self) -> dict[str, tuple[int, ...]]:
-        """Shape of each intermediate value of a stage, without the batch. Without tendons those of tendons are 0."""
+        """Shape of each intermediate value of a stage, without the batch. Without tendons those of tendons are 0, and
+        those of friction where contacts cannot slide."""
         b, c = self.branches, self.coordinates
         return {
             "k_spring": (b, c, c),
             "tendon_dir": (b, c),
             "tendon_gain": (b,),
             "gate_params": (b, N_GATE),
+            "friction": (b,),
+            "preload": (b, 3),
+            "slide": (b,),
             "dx0": (N_WRENCH,),
             "dq0": (b, c),
             "dx": (N_WRENCH,),

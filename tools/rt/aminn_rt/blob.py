@@ -9,14 +9,14 @@ from aminn_base.errors import AminnError
 from aminn_base.read import AnyPath
 from aminn_hand.hand import MAX_BRANCHES, MAX_COORDINATES, MIN_BRANCHES, N_CONTACT_FEATURE, N_WRENCH, Dims
 
-FORMAT_VERSION = 8
+FORMAT_VERSION = 9
 """Of the C model and the binary (AMINN_FORMAT_VERSION in aminn_rt.h)."""
 MAGIC = 0x4D4E4D41  # "AMNM"
 HEAD = struct.Struct("<4I")  # magic, format version, size, CRC-32 of what follows
 # CRC-32 of the content; dimensions, widths, dq0 and weights, CRC-32 of the known stages, scalars; SHA-256 of checkpoint
 # and data set; stage scalars; name, hand, made by
-BODY = struct.Struct("<I9I3I2II4f32s32s4f56s56s32s")
-_DIMS, _TAU, _NAMES = slice(1, 10), 19, slice(26, 29)
+BODY = struct.Struct("<I12I3I2II14f32s32s4f56s56s44s")
+_DIMS, _TAU, _NAMES = slice(1, 13), 22, slice(39, 42)
 """Of BODY's fields: the counts of `header_dims`; tau; name, hand, made by."""
 
 
@@ -31,7 +31,10 @@ def header_dims(dims: Dims) -> dict[str, int]:
         "n_gated": dims.gates,
         "n_twist": dims.branches if dims.twist else 0,
         "n_stiff": dims.stiff,
+        "n_tendon": dims.tendons,
+        "n_slide": int(dims.slides),
         "n_told": dims.factors,
+        "n_sensed": dims.sensing,
     }
 
 
@@ -58,10 +61,10 @@ def check_blob(blob: bytes, source: AnyPath) -> None:
 def dims_in(blob: bytes, source: AnyPath) -> Dims:
     """The counts of the hand of a checked blob. Raises AminnError for those of none."""
     found = BODY.unpack_from(blob, HEAD.size)[_DIMS]
-    branches, coordinates, joints, _, _, gates, twist, stiff, told = found
-    dims = Dims(branches, coordinates, joints, gates, gates, twist > 0, told, stiff)
+    branches, coordinates, joints, _, _, gates, twist, stiff, tendons, slides, told, sensed = found
+    dims = Dims(branches, coordinates, joints, tendons, gates, twist > 0, told, stiff, sensed, slides > 0)
     inside = MIN_BRANCHES <= branches <= MAX_BRANCHES and 1 <= coordinates <= MAX_COORDINATES and gates <= branches
-    inside = inside and told in (0, stiff + branches)
+    inside = inside and told in (0, stiff + branches) and sensed in (0, dims.sensed) and gates <= tendons
     if not inside or not branches <= joints <= branches * coordinates or found != tuple(header_dims(dims).values()):
         raise AminnError(f"{source}: dimensions {found} are those of no hand")
     return dims

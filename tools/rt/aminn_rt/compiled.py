@@ -95,10 +95,10 @@ class Library:
 
     @functools.cached_property
     def dims(self) -> Dims:
-        """The counts of the hand; of tendons those with a gate alone."""
+        """The counts of the hand, and whether contacts slide."""
         counts = (ctypes.c_uint32 * len(COUNTS)).in_dll(self._c, "aminn_batch_counts")
-        branches, coordinates, joints, gates, twist, stiff = counts
-        return Dims(branches, coordinates, joints, gates, gates, twist > 0, stiff=stiff)
+        branches, coordinates, joints, gates, twist, stiff, tendons, slides = counts
+        return Dims(branches, coordinates, joints, tendons, gates, twist > 0, stiff=stiff, slides=slides > 0)
 
     def status_name(self, status: int) -> str:
         """Name of a status code."""

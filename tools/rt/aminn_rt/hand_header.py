@@ -11,7 +11,10 @@ from .blob import header_dims
 
 HAND_HEADER = "aminn_hand.h"
 """Beside the C model, of the model's hand; beside `aminn_rt.h`, of the hand that the library is compiled for."""
-COUNTS = ("AMINN_N_BRANCH", "AMINN_N_COORD", "AMINN_N_JOINT", "AMINN_N_GATED", "AMINN_N_TWIST", "AMINN_N_STIFF")
+COUNTS = (
+    *("AMINN_N_BRANCH", "AMINN_N_COORD", "AMINN_N_JOINT", "AMINN_N_GATED", "AMINN_N_TWIST", "AMINN_N_STIFF"),
+    *("AMINN_N_TENDON", "AMINN_N_SLIDE"),
+)
 
 
 def counts_of(dims: Dims) -> dict[str, int]:

@@ -51,6 +51,12 @@ class Prediction:
     """(N, 6, 6) stiffness of the grasped tool, SI."""
     gate: Floats
     """(N, B) engagement of each branch's tendon, 0 to 1."""
+    p_slide: Floats
+    """(N) probability that a contact slides, if the grasp holds."""
+    bound_95: Floats
+    """(N) m, which the error of dx_ht (rotations times the hand's length) exceeds in 5 of 100."""
+    friction_use: Floats
+    """(N, B) share of its friction that each contact uses; 0 out of contact, and where contacts cannot slide."""
     condition: Floats
     """(N) how far apart the stiffnesses of the grasped tool lie."""
     notes: NDArray[np.uint32]

@@ -92,8 +92,8 @@ aminn_status_t open(aminn_batch &batch, const void *blob, size_t size, uint32_t 
 
 } // namespace
 
-const uint32_t aminn_batch_counts[6] = {AMINN_N_BRANCH, AMINN_N_COORD, AMINN_N_JOINT,
-                                        AMINN_N_GATED,  AMINN_N_TWIST, AMINN_N_STIFF};
+const uint32_t aminn_batch_counts[8] = {AMINN_N_BRANCH, AMINN_N_COORD, AMINN_N_JOINT,  AMINN_N_GATED,
+                                        AMINN_N_TWIST,  AMINN_N_STIFF, AMINN_N_TENDON, AMINN_N_SLIDE};
 
 aminn_batch_t *aminn_batch_open(const void *blob, size_t size, uint32_t flags, aminn_status_t *status)
 {

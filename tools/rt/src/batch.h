@@ -64,8 +64,8 @@ void aminn_batch_predict(const aminn_batch_t *batch, const aminn_batch_inputs_t 
 aminn_status_t aminn_batch_self_test(const aminn_batch_t *batch);
 
 /* What the library is compiled for, as a model states it: branches, coordinates, joints, gated tendons, soft fingertips,
- * stiffnesses of theta. */
-extern const uint32_t aminn_batch_counts[6];
+ * stiffnesses of theta, tendons, whether contacts slide. */
+extern const uint32_t aminn_batch_counts[8];
 
 #ifdef __cplusplus
 }

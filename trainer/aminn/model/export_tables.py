@@ -13,6 +13,7 @@ from torch import Tensor
 
 from aminn_base.errors import AminnError
 from aminn_hand import Hand
+from aminn_hand.sensors import NOMINAL_FRICTION
 from aminn_hand.theta import Theta
 
 from ..hand.nominal import nominal_of
@@ -41,6 +42,8 @@ _CLASSIFIER = {
 _CONSTANTS = ("wrench_log_scale", "chol_nom", "tendon_dir_nom", "tendon_gain_nom", "gate_nom", "coord_mask")
 _TENDONS = ("tendon_dir_nom", "tendon_gain_nom", "gate_nom")
 """Which a model of a hand without gates lacks."""
+NOT_SURE = {"bound_edge": [0.25, 0.5, 0.75], "bound_factor": [1.0, 1.0, 1.0, 1.0]}
+"""Of a model that did not learn how sure it is."""
 HAND_TABLES = ("chol_nom", "tendon_dir_nom", "tendon_gain_nom", "coord_mask", "geom_axis", "geom_anchor")
 """What a hand is, for a model."""
 
@@ -75,6 +78,7 @@ def _whole_head(backbone: Backbone, part: str) -> Tensor:
 def _check_exportable(checkpoint: Checkpoint, config: ModelConfig) -> None:
     """Raises AminnError for options that the exported forms do not have."""
     extra = [f'friction = "{config.friction}"'] if config.friction != "none" else []
+    extra += ["sensors"] if config.sensors else []
     if not config.heads_see_wrench:
         extra.append("heads_see_wrench = false")
     if extra:
@@ -95,6 +99,13 @@ def geometry_tables(hand: Hand) -> dict[str, NDArray]:
     """What the closure is computed from: axis and anchor of each coordinate at q = 0 (B, C, 3)."""
     nominal = nominal_of(hand)
     return {"geom_axis": nominal.axis, "geom_anchor": nominal.anchor}
+
+
+def _not_sure(config: ModelConfig) -> dict[str, NDArray[np.float32]]:
+    """Tables of a model that did not learn how sure it is: p_slide 0.5 and a bound of 1 m, which say nothing."""
+    zeros, one = np.zeros(1, np.float32), np.ones(1, np.float32)
+    weight = np.zeros((2, config.width + 1), np.float32)
+    return {"s2.sure_mean": zeros, "s2.sure_inv_std": one, "s2.sure_w": weight, "s2.sure_b": np.zeros(2, np.float32)}
 
 
 def export_tables(checkpoint: Checkpoint) -> ExportedModel:
@@ -122,6 +133,7 @@ def export_tables(checkpoint: Checkpoint) -> ExportedModel:
     if stages[0]["dq0"] != stages[1]["dq0"]:
         raise AminnError(f"{checkpoint.path}: the stages differ in dq0; an exported model has one form for both")
     tensors = {k: np.ascontiguousarray(v, np.float32) for k, v in tensors.items()}
+    tensors |= _not_sure(config)
     theta = Theta(model.hand)
     meta = (
         _identity(checkpoint, tensors)
@@ -135,6 +147,13 @@ def export_tables(checkpoint: Checkpoint) -> ExportedModel:
             "tau": float(np.float32(checkpoint.meta["tau"])),
             "dq0": stages[0]["dq0"],
             "told": bool(config.told),
+            "tendons": model.hand.dims.tendons,
+            "slides": False,
+            "sensing": False,
+            "friction_nominal": NOMINAL_FRICTION,
+            "max_translation": config.motion_limits[0],
+            "max_rotation": config.motion_limits[1],
+            **NOT_SURE,
             "theta_names": list(theta.names),
             "theta_units": [p.unit for p in theta.parameters],
             "length_scale": model.hand.length_m,

@@ -501,7 +501,7 @@ class Aminn(Cascade):
     def outputs(self, x: dict[str, Tensor]) -> dict[str, Tensor]:
         """p_stable (N), dx_ht (N, 6), k_x (N, 6, 6), gate (N, B)."""
         out = self._whole(x)
-        return {name: out[name] for name in OUTPUTS}
+        return {name: out[name] for name in OUTPUTS if name in out}
 
     def debug(self, *given: Tensor, **named: Tensor) -> dict[str, Tensor]:
         """The same and every intermediate of both stages (`Dims.debug`, s1_ and s2_ before the name)."""

@@ -57,6 +57,12 @@ class Outputs:
     """(N, 6, 6) SI; NaN of a model that has none."""
     gate: NDArray[np.floating]
     """(N, B); NaN of a model that has none."""
+    p_slide: NDArray[np.floating]
+    """(N) that a contact slides, if the grasp holds; NaN of a model that does not say."""
+    bound_95: NDArray[np.floating]
+    """(N) m, which the pose error exceeds in 5 of 100; likewise."""
+    friction_use: NDArray[np.floating]
+    """(N, B) share of its friction that each contact uses; 0 where contacts cannot slide, NaN of a model without."""
     condition: NDArray[np.floating]
     """(N) of the stiffness; NaN of a model that has none."""
     notes: NDArray[np.uint32]

@@ -16,6 +16,7 @@ from aminn_rt.blob import BODY, HEAD, check_blob, dims_in, header_dims, names_in
 
 from .known_answer import answered
 from .layout import (
+    BINS,
     DQ0_CODES,
     NAME_ROOM,
     SCALARS,
@@ -63,7 +64,7 @@ def read_bin_model(path: AnyPath) -> BinModel:
     check_blob(blob, path)
     fields = BODY.unpack_from(blob, HEAD.size)
     dims = dims_in(blob, path)
-    hc, h, hd, dq0, weights = fields[10:15]
+    hc, h, hd, dq0, weights = fields[13:18]
     names = {code: name for name, code in DQ0_CODES.items()}, {code: name for name, code in WEIGHT_CODES.items()}
     if dq0 not in names[0] or weights not in names[1]:
         raise AminnError(f"{path}: dq0 {dq0} or weights {weights} is not what this program knows")
@@ -81,11 +82,15 @@ def read_bin_model(path: AnyPath) -> BinModel:
         at += room(flat.nbytes)
         if field != TOLD_TABLE:
             tensors[tensor_name(owner, field)] = restored(dims, field, flat, shape)
-    if header_dims(dims_of(tensors)) != header_dims(dims):
+    counts = {"tendons": dims.tendons, "slides": dims.slides, "sensing": dims.sensing > 0, "told": dims.factors > 0}
+    if header_dims(dims_of(BinModel(counts, tensors))) != header_dims(dims):
         raise AminnError(f"{path}: coord_mask {tensors['coord_mask'].tolist()} does not fit its dimensions")
     known_state = np.frombuffer(blob, "<f4", dims.state, at)
-    meta = dict(zip(SCALARS, fields[16:20], strict=True))
-    meta |= {name: list(fields[22 + 2 * i : 24 + 2 * i]) for i, name in enumerate(STAGE_SCALARS)}
+    scalars = 19 + len(SCALARS)
+    meta = counts | dict(zip(SCALARS, fields[19:scalars], strict=True))
+    edges, factors = (list(fields[scalars : scalars + 3]), list(fields[scalars + 3 : scalars + 7]))
+    meta |= dict(zip(BINS, (edges, factors), strict=True))
+    meta |= {name: list(fields[35 + 2 * i : 37 + 2 * i]) for i, name in enumerate(STAGE_SCALARS)}
     meta |= dict(zip(NAME_ROOM, names_in(blob), strict=True))
     meta |= {
         "format_version": TABLES_VERSION,
@@ -94,11 +99,10 @@ def read_bin_model(path: AnyPath) -> BinModel:
         "width": h,
         "classifier_width": hd,
         "dq0": names[0][dq0],
-        "checkpoint_sha256": fields[20].hex(),
-        "data_sha256": fields[21].hex(),
+        "checkpoint_sha256": fields[33].hex(),
+        "data_sha256": fields[34].hex(),
         "known_state": [float(v) for v in known_state],
         "eps_m": shortest(np.array([tensors[f"{stage}.eps_m"] for stage in STAGES])),
         "branch_joints": branch_joints(tensors),
-        "told": dims.factors > 0,
     }
     return BinModel(meta, tensors)

@@ -20,7 +20,7 @@ from aminn_rt.hand_header import counts_of
 
 from .c_names import check_prefix
 from .known_answer import answered
-from .layout import NAME_ROOM, OPTIONAL_TABLES, SCALARS, STAGE_SCALARS, VARIED, Layout, Table, default_name
+from .layout import BINS, NAME_ROOM, OPTIONAL_TABLES, SCALARS, STAGE_SCALARS, VARIED, Layout, Table, default_name
 from .packing import KnownAnswer, content_crc
 from .tables import STAGES, Exported
 
@@ -94,6 +94,7 @@ def _model(prefix: str, layout: Layout, answer: KnownAnswer) -> str:
     lines += [f".dq0 = AMINN_DQ0_{layout.dq0.upper()},", f".weight_type = AMINN_WEIGHTS_{layout.weights.upper()},"]
     lines += [f".stages_crc = 0x{answer.stages_crc:08x}u,"]
     lines += [f".{name} = {float_literal(layout.scalars[name])}," for name in SCALARS]
+    lines += [f".{name} = {_braced(layout.bins[name])}," for name in BINS]
     lines += [f".checkpoint_sha256 = {_bytes(layout.sha256)},", f".data_sha256 = {_bytes(layout.data_sha256)},"]
     lines += [f'.{kind} = "{text}",' for kind, text in zip(NAME_ROOM, layout.names, strict=True)]
     lines += [".library = AMINN_LIBRARY,"]

@@ -19,7 +19,7 @@ def write_hand_header(exported: Exported, out_dir: AnyPath) -> Path:
     """Write the header of an exported model's hand into a folder; returns its path."""
     path, meta = Path(out_dir) / HAND_HEADER, exported.meta
     name = str(meta.get("hand", "unknown")).rpartition(" ")[0] or "unknown"
-    text = hand_header(name, dims_of(exported.tensors), meta.get("joints", ()), meta.get("theta_names", ()))
+    text = hand_header(name, dims_of(exported), meta.get("joints", ()), meta.get("theta_names", ()))
     write_atomically(path, text.encode())
     return path
 

@@ -41,7 +41,7 @@ def built_in_state(exported: Exported) -> NDArray[np.float32]:
 
     Of the reference hand a grasp; of another one a tool between contacts near the last joint of each branch.
     """
-    dims, axes, anchors = dims_of(exported.tensors), exported.tensors["geom_axis"], exported.tensors["geom_anchor"]
+    dims, axes, anchors = dims_of(exported), exported.tensors["geom_axis"], exported.tensors["geom_anchor"]
     if is_own(dims):
         return np.array(REFERENCE_GRASP, np.float32)
     last = np.asarray(anchors[:, -1], float)

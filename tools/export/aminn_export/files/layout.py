@@ -23,12 +23,17 @@ TABLES_VERSION = 1
 """Of the tables that the trainer gives."""
 DQ0_CODES = {"statics": 0, "inverse": 1}
 SHA256_HEX_DIGITS = 64
-NAME_ROOM = {"name": 56, "hand": 56, "made_by": 32}
+NAME_ROOM = {"name": 56, "hand": 56, "made_by": 44}
 """Bytes that a name has in the binary, with the zero behind it."""
 UNKNOWN = "unknown"
 WEIGHT_CODES = {"float32": 0, "float16": 1}
 WEIGHT_TYPES: dict[str, type[np.floating]] = {"float32": np.float32, "float16": np.float16}
-SCALARS = ("length_scale", "log_range", "displacement_log_scale", "tau")
+SCALARS = (
+    *("length_scale", "log_range", "displacement_log_scale", "tau"),
+    *("friction_nominal", "max_translation", "max_rotation"),
+)
+BINS = {"bound_edge": 3, "bound_factor": 4}
+"""Of p_slide, where they end, and the factor that the bound of the error has in each."""
 STAGE_SCALARS = ("eps_kx", "eps_jq")
 OPTIONAL_TABLES = ("tendon_dir_nom", "gate_nom")
 """Of hands with gates."""
@@ -57,6 +62,7 @@ class Layout(NamedTuple):
     data_sha256: bytes  # of the data set's configuration; zeros: not known
     names: tuple[str, str, str]  # name, hand, made by
     scalars: dict[str, np.float32]
+    bins: dict[str, NDArray[np.float32]]
     stage_scalars: dict[str, tuple[np.float32, np.float32]]
     tables: list[Table]
 
@@ -111,18 +117,26 @@ def classifier_shapes(dims: Dims, h: int, hd: int) -> dict[str, tuple[int, ...]]
     }
 
 
+def sure_shapes(dims: Dims, h: int) -> dict[str, tuple[int, ...]]:
+    """Shapes of what says how sure stage 2 is: logit of p_slide, logarithm of the error's bound."""
+    return {"sure_mean": (dims.sure,), "sure_inv_std": (dims.sure,), "sure_w": (2, h + dims.sure), "sure_b": (2,)}
+
+
 def tensor_order(dims: Dims, hc: int, h: int, hd: int) -> list[tuple[str, str, tuple[int, ...]]]:
     """(owner, name, shape) of every table in file order; owner is "", "s1" or "s2"."""
     order = [("", name, shape) for name, shape in shared_shapes(dims).items()]
     for stage in STAGES:
         order += [(stage, name, shape) for name, shape in stage_shapes(dims, hc, h).items()]
-    return order + [("", name, shape) for name, shape in classifier_shapes(dims, h, hd).items()]
+    last = classifier_shapes(dims, h, hd) | sure_shapes(dims, h)
+    return order + [("", name, shape) for name, shape in last.items()]
 
 
 def tensor_name(owner: str, field: str) -> str:
-    """Name in `tensors`: stage tables carry the stage, and the classifier belongs to stage 1."""
+    """Name in `tensors`: stage tables carry the stage, the classifier's are of stage 1, how sure it is of stage 2."""
     if owner:
         return f"{owner}.{field}"
+    if field.startswith("sure_"):
+        return f"s2.{field}"
     return f"s1.{field}" if field.startswith(("aux_", "cls")) else field
 
 
@@ -206,6 +220,20 @@ def _scalar(meta: dict, name: str) -> np.float32:
     return value
 
 
+def _bins(meta: dict) -> dict[str, NDArray[np.float32]]:
+    """`BINS` of the meta data. Raises AminnError unless edges ascend within 0 to 1 and factors are positive."""
+    found = {name: np.asarray(meta[name], np.float32) for name in BINS}
+    for name, values in found.items():
+        if values.shape != (BINS[name],) or not np.isfinite(values).all():
+            raise AminnError(f"model: {name} is {meta[name]}, expected {BINS[name]} finite numbers")
+    edges, factors = found["bound_edge"], found["bound_factor"]
+    if edges.min() < 0 or edges.max() > 1 or (np.diff(edges) < 0).any():
+        raise AminnError(f"model: bound_edge is {meta['bound_edge']}, expected ascending numbers from 0 to 1")
+    if factors.min() <= 0:
+        raise AminnError(f"model: bound_factor is {meta['bound_factor']}, expected positive numbers")
+    return found
+
+
 def _digest(meta: dict, name: str) -> bytes:
     """A SHA-256 of the meta data; zeros for none."""
     sha = str(meta.get(name, "0" * SHA256_HEX_DIGITS))
@@ -231,13 +259,13 @@ def default_name(prefix: str) -> str:
 def layout_of(exported: Exported) -> Layout:
     """Check an exported model and put it into the runtime's order. Raises AminnError that names what does not fit."""
     meta = exported.meta
-    wanted = (*SCALARS, *STAGE_SCALARS, "contact_width", "width", "classifier_width", "dq0", "checkpoint_sha256")
+    wanted = (*SCALARS, *BINS, *STAGE_SCALARS, "contact_width", "width", "classifier_width", "dq0", "checkpoint_sha256")
     missing = [name for name in wanted if name not in meta]
     if missing:
         raise AminnError(f"model: meta lacks {', '.join(missing)}")
     if int(meta.get("format_version", TABLES_VERSION)) != TABLES_VERSION:
         raise AminnError(f"model: format_version is {meta['format_version']}, this exporter knows {TABLES_VERSION}")
-    dims = dims_of(exported.tensors)
+    dims = dims_of(exported)
     if meta["dq0"] not in DQ0_CODES:
         raise AminnError(f"model: dq0 is {meta['dq0']!r}, expected one of {', '.join(DQ0_CODES)}")
     names = {"name": "aminn_model", "hand": UNKNOWN, "made_by": UNKNOWN}
@@ -256,6 +284,7 @@ def layout_of(exported: Exported) -> Layout:
         data_sha256=_digest(meta, "data_sha256"),
         names=(carried[0], carried[1], carried[2]),
         scalars={name: _scalar(meta, name) for name in SCALARS},
+        bins=_bins(meta),
         stage_scalars=stage_scalars,
         tables=[_table(exported, dims, *entry) for entry in tensor_order(dims, hc, h, hd)],
     )

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
 from aminn_base.read import AnyPath
-from aminn_hand.hand import LEAST_MOTION_M, N_CONTACT_FEATURE, N_WRENCH
+from aminn_hand.hand import LEAST_MOTION_M, MAX_LOG_BOUND, N_CONTACT_FEATURE, N_WRENCH
 
 from .head import EXP, TANH, head_order, sizes
 from .onnx_graph import GraphBuilder
@@ -51,6 +51,9 @@ UNITS = {
     "dx_ht": "m, rad (rotation vector)",
     "k_x": "N/m, N/rad, N.m/rad",
     "gate": "1",
+    "p_slide": "1",
+    "bound_95": "m (rotations times length_scale_m)",
+    "friction_use": "1",
     "eps_m": "m/N",
     "eps_kx": "N/m (translation), N.m/rad (rotation)",
     "eps_jq": "m/rad",
@@ -125,7 +128,7 @@ class _AminnGraph:
 
     def __init__(self, exported: Exported) -> None:
         self.meta, self.tensors, self.g = exported.meta, exported.tensors, GraphBuilder()
-        self.dims = dims_of(self.tensors)
+        self.dims = dims_of(self)
         length = float(self.meta["length_scale"])
         self.scale = np.array([1.0] * 3 + [1.0 / length] * 3, np.float32)
         self.s = self.g.constant("length_scaling", self.scale)
@@ -667,6 +670,29 @@ class _AminnGraph:
         logit = self.linear(hidden, t["s1.cls2_w"], t["s1.cls2_b"], "logit")  # (N, 1)
         g.op("Squeeze", g.op("Sigmoid", logit, name="p_stable_col"), g.index("axes", [1]), name="p_stable")
 
+    def sure(self, f: str, second: dict[str, str]) -> None:
+        """p_slide (N) and bound_95 (N) from stage 2's feature and how far it moves the tool."""
+        g, t = self.g, self.tensors
+        f2, x2 = g.gather(f, 1, 0, "f_s2"), g.gather(second["x_scaled"], 1, 0, "x_scaled_s2")
+        size = g.op("ReduceL2", x2, g.index("axes", [1]), name="x_norm_s2", keepdims=1)
+        seen = self.log1p(size, np.float32(self.meta["displacement_log_scale"]), "x_size_s2")  # (N, 1)
+        normal = self.normalised(seen, t["s2.sure_mean"], t["s2.sure_inv_std"], "sure_seen")
+        joined = g.op("Concat", f2, normal, name="f_sure", axis=1)  # (N, H + A)
+        found = self.linear(joined, t["s2.sure_w"], t["s2.sure_b"], "sure")  # (N, 2)
+        logit, log_bound = g.split(found, [1, 1], 1, ["slide_logit", "bound_log"])
+        p_slide = g.op("Sigmoid", logit, name="p_slide_col")
+        edges = g.constant("bound_edge", [self.meta["bound_edge"]])
+        passed = g.op("Cast", g.op("GreaterOrEqual", p_slide, edges, name="edges_reached"), name="edges_passed", to=1)
+        factors = np.asarray(self.meta["bound_factor"], np.float32)
+        before = g.op("Pad", passed, g.index("pads", [0, 1, 0, 0]), g.constant("one", 1.0), name="bins_begun")
+        after = g.op("Pad", passed, g.index("pads", [0, 0, 0, 1]), name="bins_ended")
+        chosen = g.op("Sub", before, after, name="bin_of")  # (N, 4): 1 in the bin that p_slide lies in
+        factor = g.op("MatMul", chosen, g.constant("bound_factor", factors[:, None]), name="bound_factor_of")
+        held = g.op("Min", log_bound, g.constant("max_log_bound", MAX_LOG_BOUND), name="bound_log_held")
+        bound = g.op("Mul", g.op("Exp", held, name="bound_raw"), factor, name="bound_col")
+        g.op("Squeeze", p_slide, g.index("axes", [1]), name="p_slide")
+        g.op("Squeeze", bound, g.index("axes", [1]), name="bound_95")
+
     def build(self, debug: bool) -> onnx.ModelProto:
         """The whole graph."""
         g, dims = self.g, self.dims
@@ -697,6 +723,8 @@ class _AminnGraph:
             g.gather(gate, 1, 0, "gate")
         else:
             self.zeros("gate", dims.outputs["gate"])
+        self.sure(f, second)
+        self.zeros("friction_use", dims.outputs["friction_use"])
         outputs = dict(dims.outputs)
         if debug:
             x0 = g.reshape(first["x_col"], [0, 0, N_WRENCH], "x0")
@@ -752,7 +780,7 @@ class _AminnGraph:
 
 def build_onnx(exported: Exported, debug: bool = False) -> onnx.ModelProto:
     """The model of `exported`, checked; with `debug`, the intermediates of both stages are outputs too."""
-    dims = dims_of(exported.tensors)
+    dims = dims_of(exported)
     for key in ("eps_m", "eps_kx"):
         if by_branch(exported.meta[key], dims.branches).min() <= 0:
             raise AminnError(f"export: {key} is {exported.meta[key]}; it must be positive")

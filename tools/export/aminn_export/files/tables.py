@@ -36,11 +36,12 @@ def pair_of(value: object) -> tuple[float, float]:
     return float(first), float(second)
 
 
-def dims_of(tensors: Tensors) -> Dims:
-    """The counts of a model's hand, from its tables; of tendons those with a gate alone.
+def dims_of(exported: Exported) -> Dims:
+    """The counts of a model and its hand; of tendons those with a gate alone, where `meta` does not have all of them.
 
     Raises AminnError where `coord_mask` is not that of a hand.
     """
+    meta, tensors = exported.meta, exported.tensors
     if "coord_mask" not in tensors:
         raise AminnError("model: tensor coord_mask is missing")
     mask = np.asarray(tensors["coord_mask"])
@@ -52,7 +53,9 @@ def dims_of(tensors: Tensors) -> Dims:
         )
     gates = max(1, int(np.count_nonzero(tensors["tendon_gain_nom"]))) if "tendon_gain_nom" in tensors else 0
     branches, coordinates = mask.shape
-    dims = Dims(branches, coordinates, int(mask.sum()), gates, gates, "twist_nom" in tensors)
+    tendons = int(meta.get("tendons", gates))
+    dims = Dims(branches, coordinates, int(mask.sum()), tendons, gates, "twist_nom" in tensors)
+    dims = replace(dims, slides=bool(meta.get("slides")), sensing=dims.sensed if meta.get("sensing") else 0)
     told = np.size(tensors.get("s1.global_mean", np.zeros(dims.global_input))) - dims.global_input
     stiff = len(tensors["theta_terms"]) - 1 if "theta_terms" in tensors else 0
     return replace(dims, factors=stiff + branches if told == stiff + branches else 0, stiff=stiff)

@@ -175,7 +175,7 @@ def bench(model_dir: Path, vectors: Path, build_dir: Path, rounds: int = ROUNDS)
         program, graph, mlp = (Path(folder) / name for name in ("aminn_bench", "aminn.onnx", "mlp.onnx"))
         file = model_dir / ONNX_FILE
         graph.write_bytes(file.read_bytes() if file.is_file() else build_onnx(model).SerializeToString())
-        mlp.write_bytes(plain_mlp(parameters(model), dims_of(model.tensors).input).SerializeToString())
+        mlp.write_bytes(plain_mlp(parameters(model), dims_of(model).input).SerializeToString())
         command = [str(program), str(blob), str(vectors), str(rounds), str(onnxruntime_library()), str(graph), str(mlp)]
         compile_bench(model, place, place.library, program, "native")
         report: Report = json.loads(run(command, "aminn_bench"))

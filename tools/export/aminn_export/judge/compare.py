@@ -15,7 +15,7 @@ from aminn_rt.blob import MAGIC as MODEL_MAGIC
 from ..files.bin_model import model_crc, read_bin_model
 from ..files.tables import dims_of
 from ..samples.vectors import RESULT_MAGIC, VECTOR_MAGIC, Results, magic_of, read_results, read_vectors
-from .verdict import Failure, Verdict, compare_bits, compare_within
+from .verdict import Bins, Failure, Verdict, compare_bits, compare_within
 
 KINDS = {MODEL_MAGIC: "model", VECTOR_MAGIC: "vector file", RESULT_MAGIC: "result file"}
 
@@ -41,11 +41,12 @@ def _by_kind(files: Sequence[Path]) -> dict[str, list[Path]]:
 
 def _with_reference(model_file: Path, vector_file: Path, result_file: Path) -> Verdict:
     model = read_bin_model(model_file)
-    vectors = read_vectors(vector_file, dims_of(model.tensors))
+    vectors = read_vectors(vector_file, dims_of(model))
     if not len(vectors.reference["p_stable"]):
         raise AminnError(f"{vector_file}: holds no sample: there is nothing to compare")
     results = _results(result_file)
-    verdict = compare_within(results, vectors.reference, model.meta["tau"], model.meta["length_scale"])
+    meta = model.meta
+    verdict = compare_within(results, vectors.reference, meta["tau"], meta["length_scale"], bins=Bins.of(meta))
     crc = model_crc(model)
     if vectors.model in (0, crc):
         return verdict

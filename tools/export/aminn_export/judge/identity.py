@@ -95,7 +95,7 @@ def misfits(export_dir: Path, prefix: str, model: BinModel) -> list[str]:
     Raises AminnError on a damaged file, OSError on a missing one.
     """
     lines = []
-    status = runtime_for(dims_of(model.tensors)).self_test((export_dir / f"{prefix}.bin").read_bytes())
+    status = runtime_for(dims_of(model)).self_test((export_dir / f"{prefix}.bin").read_bytes())
     if status:
         lines.append(f"{prefix}.bin fails its self-test: {runtime().status_text(status)}")
     for name, wanted in zip((f"{prefix}.c", f"{prefix}.h"), c_model_texts(model, prefix), strict=True):
@@ -103,7 +103,7 @@ def misfits(export_dir: Path, prefix: str, model: BinModel) -> list[str]:
         if difference:
             lines.append(f"{name} is not {prefix}.bin: {difference}")
     header = header_beside(export_dir)
-    if header is not None and not fits(header, dims_of(model.tensors)):
+    if header is not None and not fits(header, dims_of(model)):
         lines.append(f"{HAND_HEADER} is not of {prefix}.bin's hand, but of {name_in(header)}")
     for name, debug in ((ONNX_FILE, False), (DEBUG_FILE, True)):
         file = export_dir / name

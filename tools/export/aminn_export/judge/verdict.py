@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,6 +84,24 @@ class Verdict:
 Names = Callable[[int], str]
 
 
+@dataclass(frozen=True)
+class Bins:
+    """Of p_slide, and the factor that bound_95 has in each."""
+
+    edges: tuple[float, ...] = ()
+    factors: tuple[float, ...] = (1.0,)
+
+    @staticmethod
+    def of(meta: Mapping[str, Any]) -> Bins:
+        """Of an exported model."""
+        return Bins(tuple(meta["bound_edge"]), tuple(meta["bound_factor"]))
+
+    def factor(self, p_slide: NDArray) -> Array:
+        """Of each p_slide (n)."""
+        place = np.searchsorted(np.array(self.edges, np.float32), np.asarray(p_slide, np.float32), "right")
+        return np.array(self.factors, np.float64)[place]
+
+
 def component_name(output: str, component: int, shape: tuple[int, ...]) -> str:
     """Of a component, row-major: "k_x[2][4]"."""
     return output + "".join(f"[{i}]" for i in np.unravel_index(component, shape)) if shape else output
@@ -118,7 +137,14 @@ class _Within:
     """One comparison with a reference: limits, differences, and what is beyond."""
 
     def __init__(
-        self, got: Results, want: dict[str, NDArray[np.float32]], tau: float, length: float, target: str, names: Names
+        self,
+        got: Results,
+        want: dict[str, NDArray[np.float32]],
+        tau: float,
+        length: float,
+        target: str,
+        names: Names,
+        bins: Bins,
     ) -> None:
         self.tau, self.target, self.names = np.float32(tau), target, names
         self.rows = np.flatnonzero(got.status == 0)
@@ -133,7 +159,11 @@ class _Within:
             "dx_ht": motion,
             "k_x": (1 / motion[:, None] / motion).ravel(),
             "gate": np.ones(self.shapes["gate"]),
+            "p_slide": np.ones(1),
+            "bound_95": np.ones(1),
+            "friction_use": np.ones(self.shapes["friction_use"]),
         }
+        self.factor = [bins.factor(of["p_slide"][:, 0])[:, None] for of in (self.got, self.want)]
         self.size = np.linalg.norm(self.want["dx_ht"] * motion, axis=1)
         self.condition = known_condition(self.want["k_x"].reshape(n, 6, 6), length)
         self.failures: list[Failure] = []
@@ -146,8 +176,11 @@ class _Within:
         return t.floor + of * (relative[:, None] if of.ndim == 2 else relative)
 
     def difference(self, output: str) -> Array:
-        """Scaled (n, components)."""
-        return _sound(np.abs(self.got[output] - self.want[output]) * self.scale[output])
+        """Scaled (n, components); bounds over the factor of the bin that their own p_slide lies in."""
+        got, want = self.got[output], self.want[output]
+        if output == "bound_95":
+            got, want = (v / factor for v, factor in zip((got, want), self.factor, strict=True))
+        return _sound(np.abs(got - want) * self.scale[output])
 
     def fail(
         self, row: int | np.signedinteger, output: str, component: int, want: float, limit: float, share: float
@@ -242,18 +275,19 @@ def compare_within(
     target: str = "",
     names: Names = lambda i: f"sample {i}",
     symmetric: bool = True,
+    bins: Bins = Bins(),
 ) -> Verdict:
     """Judge results by a reference (arrays by name): every number of every sample, none before another.
 
-    `tau` and `length` (length_scale, m) are the model's. Samples that the runtime refused fail by their status.
+    `tau`, `length` (length_scale, m) and `bins` are the model's. Samples that the runtime refused fail by their status.
     `symmetric`: k_x must be so to the bit, as the runtime promises and ONNX Runtime does not.
     """
     _check_hand(got.outputs, want)
     other = _other_number(target, got, len(want["p_stable"]))
     if other:
         return other
-    w = _Within(got, want, tau, length, target, names)
-    steepness = {name: np.maximum(w.want[name] * (1 - w.want[name]), 0) for name in ("p_stable", "gate")}
+    w = _Within(got, want, tau, length, target, names, bins)
+    steepness = {name: np.maximum(w.want[name] * (1 - w.want[name]), 0) for name in ("p_stable", "gate", "p_slide")}
     p_difference = w.words("p_stable", steepness["p_stable"][:, 0])
     decisions = w.decision(w.limit("p_stable", steepness["p_stable"][:, 0]))
     relative = w.motion()
@@ -262,6 +296,10 @@ def compare_within(
     if symmetric:
         w.symmetry()
     gate = w.words("gate", steepness["gate"])
+    p_slide = w.words("p_slide", steepness["p_slide"])
+    bound = w.want["bound_95"] / w.factor[1]
+    bound_difference = w.words("bound_95", bound)
+    use = w.words("friction_use", w.want["friction_use"])
     w.medians()
     for i in np.flatnonzero(got.status != 0):
         w.failures.append(Failure(target, "status", int(i), float(got.status[i]), 0.0, 0.0, np.inf, names(int(i))))
@@ -274,6 +312,9 @@ def compare_within(
         "p_stable_abs_max": _largest(p_difference),
         "k_x_relative_max": _largest(_share(k_x, entry[:, None])),
         "gate_abs_max": _largest(gate),
+        "p_slide_abs_max": _largest(p_slide),
+        "bound_95_relative_max": _largest(_share(bound_difference, bound)),
+        "friction_use_abs_max": _largest(use),
         "decisions_different": decisions,
     }
     for output, share in w.shares.items():

@@ -42,7 +42,7 @@ from ..samples.golden import GOLDEN_FILE, inputs_of, single_thread_session
 from ..samples.reference import Reference
 from ..samples.vectors import THETA, Results, read_results, read_vectors, write_vectors
 from .identity import check_model_hand, misfits
-from .verdict import Failure, Verdict, compare_bits, compare_within, worst_first
+from .verdict import Bins, Failure, Verdict, compare_bits, compare_within, worst_first
 from .verdict_report import Case, shown
 
 Array = NDArray[np.float64]
@@ -88,6 +88,7 @@ class Exact:
     tau: np.float32
     length: float
     """length_scale, m."""
+    bins: Bins
 
 
 # --- samples --------------------------------------------------------------------------------------------------------
@@ -118,7 +119,7 @@ def load_samples(source: AnyPath, min_samples: int | None = None, model: BinMode
             check_model_hand(model, dataset, source)
         samples = samples_of_dataset(dataset, min_samples, model)
     else:
-        hand = None if model is None else dims_of(model.tensors)
+        hand = None if model is None else dims_of(model)
         samples = Samples(read_vectors(source, hand).inputs, lambda i: f"sample {i} of {source.name}")
         if hand is not None and THETA in samples.inputs and not hand.factors:
             raise AminnError(
@@ -216,7 +217,7 @@ def dx_figures(dx: NDArray, reference: NDArray, length: float) -> Report:
 
 def compare(target: str, results: Results, exact: Exact, names: Callable[[int], str]) -> Verdict:
     """A replay's results against ONNX Runtime's, with figures on how far they are from float64."""
-    verdict = compare_within(results, exact.onnx, float(exact.tau), exact.length, target, names)
+    verdict = compare_within(results, exact.onnx, float(exact.tau), exact.length, target, names, bins=exact.bins)
     if "dx_relative_max" not in verdict.figures:  # not even of as many samples
         return verdict
     accepted = results.status == 0
@@ -238,8 +239,8 @@ def evaluate_exact(export_dir: Path, model: BinModel, inputs: dict[str, NDArray]
             raise AminnError(f"{file}: {name} is not finite for some samples; the model or the samples are damaged")
     float64 = Reference(model)(inputs)
     exact = {name: float64[name] for name in OUTPUTS}
-    length = float(model.meta["length_scale"])
-    return Exact(onnx, exact, scaled_condition(exact["k_x"], length), np.float32(model.meta["tau"]), length)
+    meta, length = model.meta, float(model.meta["length_scale"])
+    return Exact(onnx, exact, scaled_condition(exact["k_x"], length), np.float32(meta["tau"]), length, Bins.of(meta))
 
 
 def _onnx_figures(exact: Exact) -> Report:
@@ -270,7 +271,7 @@ def check_golden(export_dir: Path, model: BinModel) -> list[str]:
     golden, tau, length = export_dir / GOLDEN_FILE, model.meta["tau"], model.meta["length_scale"]
     if not golden.is_file():
         return []
-    vectors = read_vectors(golden, dims_of(model.tensors))  # refuses a file whose CRC-32 is wrong
+    vectors = read_vectors(golden, dims_of(model))  # refuses a file whose CRC-32 is wrong
     inputs = vectors.inputs
     sources = {file: run_onnx(single_thread_session(export_dir / file), inputs) for file in (ONNX_FILE, DEBUG_FILE)
                if (export_dir / file).is_file()}  # fmt: skip
@@ -280,7 +281,8 @@ def check_golden(export_dir: Path, model: BinModel) -> list[str]:
         pairs.append(("a float64 evaluation", _as_results(vectors.reference_f64, tau), exact))
     lines = []
     for name, results, reference in pairs:
-        failures = compare_within(results, reference, tau, length, symmetric=False).failures
+        bins = Bins.of(model.meta)
+        failures = compare_within(results, reference, tau, length, symmetric=False, bins=bins).failures
         if failures:
             lines.append(f"{golden.name} is not what {name} gives: {len(failures)} numbers differ; {failures[0]}")
     return lines
@@ -294,6 +296,9 @@ ROWS = (
     ("p_stable_share_of_limit_max", "p_stable, share of its limit", "{:.3f}"),
     ("k_x_share_of_limit_max", "k_x, share of its limit", "{:.3f}"),
     ("gate_share_of_limit_max", "gate, share of its limit", "{:.3f}"),
+    ("p_slide_share_of_limit_max", "p_slide, share of its limit", "{:.3f}"),
+    ("bound_95_share_of_limit_max", "bound_95, share of its limit", "{:.3f}"),
+    ("friction_use_share_of_limit_max", "friction_use, share of its limit", "{:.3f}"),
     ("dx_abs_max_m", "dx_ht, m", "{:.2e}"),
     ("p_stable_abs_max", "p_stable", "{:.2e}"),
     ("k_x_relative_max", "k_x, relative", "{:.2e}"),

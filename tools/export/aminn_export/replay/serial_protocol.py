@@ -29,14 +29,14 @@ from .serial_line import BAUD_NAME, Line, open_port
 __all__ = ["Identity", "ask", "check_identity", "identity_of", "open_port", "replay"]
 
 QUESTION, ANSWER = b"AMNQ", b"AMNA"
-VERSION = 2
+VERSION = 3
 REFUSED, IDENTITY, PREDICT = 0, 1, 2  # kinds
 DAMAGED, OTHER_VERSION, OTHER_KIND = 1, 2, 3  # why a question is refused
 TIMEOUT_S = 2.0
 TRIES = 5
 LARGEST_BODY = 512
 _HEADER = struct.Struct("<HHII")
-_IDENTITY = struct.Struct("<56s56s40s16s32s32sIIfi")
+_IDENTITY = struct.Struct("<56s56s44s16s32s32sIIfi")
 # Protocol 1 had no header: a mark, status and the 47 outputs, their CRC-32. It waits for so many bytes behind a mark.
 _FIRST_ANSWER = len(ANSWER) + 4 + 47 * 4 + 4
 _FIRST_QUESTION = 504
@@ -233,7 +233,7 @@ def replay(line: Line, model: BinModel, inputs: dict[str, NDArray[np.float32]], 
 
     The board must run `model`: it is asked first.
     """
-    hand = dims_of(model.tensors)
+    hand = dims_of(model)
     rows = pack(inputs, shapes_with(hand, np.shape(inputs[THETA])[-1] if THETA in inputs else 0), "<f4")
     conversation = Conversation(line)
     check_identity(conversation, model)

@@ -49,7 +49,7 @@ class _Chain:
 
 def closure(q: Array, x_ht: Array, contacts: Array, exported: Exported) -> tuple[Array, Array]:
     """j_x (n, B, 3, 6) and j_q (n, B, 3, C) in float64 from the model's hand geometry; zero for open contacts."""
-    n, dims = len(q), dims_of(exported.tensors)
+    n, dims = len(q), dims_of(exported)
     j_x, j_q = np.zeros((n, dims.branches, 3, N_WRENCH)), np.zeros((n, dims.branches, 3, dims.coordinates))
     for b in range(dims.branches):
         point, chain = contacts[:, b, 1:4], _Chain(exported, b, q)
@@ -101,7 +101,7 @@ def adversarial_states(
     simulated: dict[str, NDArray[np.float32]], exported: Exported, n: int, seed: int = 0
 ) -> tuple[dict[str, NDArray[np.float32]], NDArray[np.int64]]:
     """(inputs, index into KINDS) of n states, made from simulated ones, as many of each kind."""
-    rng, dims = np.random.default_rng(seed), dims_of(exported.tensors)
+    rng, dims = np.random.default_rng(seed), dims_of(exported)
     kind = np.arange(n) % len(KINDS)
     parts = []
     for k, name in enumerate(KINDS):

@@ -29,7 +29,7 @@ def inputs_of(dataset: Dataset, exported: Exported | None = None) -> dict[str, N
     """Model inputs of a data set, float32 as every runtime gets them; of a told model theta, zeros if none is told."""
     samples = dataset.samples
     inputs = {name: np.ascontiguousarray(samples[name], np.float32) for name in INPUTS}
-    if exported is not None and (dims := dims_of(exported.tensors)).factors:
+    if exported is not None and (dims := dims_of(exported)).factors:
         shape = (len(inputs["q"]), dims.factors + dims.joints + 1)
         inputs[THETA] = np.ascontiguousarray(samples.get(THETA, np.zeros(shape)), np.float32)
     return inputs

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError
+from aminn_hand.hand import MAX_LOG_BOUND
 
 from ..files.tables import STAGES, Exported, by_branch, pair_of
 
@@ -167,6 +168,20 @@ class Reference:
         hidden = _relu(np.concatenate([f, aux], -1) @ t["s1.cls1_w"].T + t["s1.cls1_b"])  # (N, HD)
         return (hidden @ t["s1.cls2_w"].T + t["s1.cls2_b"])[:, 0]
 
+    def sure(self, f: Array, response: dict[str, Array]) -> dict[str, Array]:
+        """p_slide (N) and bound_95 (N), m, of stage 2."""
+        t = self.t
+        size = np.linalg.norm(response["dx"] / self.s, axis=-1, keepdims=True)
+        seen = np.log(1 + size / float(self.meta["displacement_log_scale"]))
+        seen = (seen - t["s2.sure_mean"]) * t["s2.sure_inv_std"]
+        found = np.concatenate([f, seen], -1) @ t["s2.sure_w"].T + t["s2.sure_b"]  # (N, 2)
+        p_slide = _sigmoid(found[:, 0])
+        passed = (p_slide[:, None] >= np.asarray(self.meta["bound_edge"])).sum(1)
+        return dict(
+            p_slide=p_slide,
+            bound_95=np.exp(np.minimum(found[:, 1], MAX_LOG_BOUND)) * np.asarray(self.meta["bound_factor"])[passed],
+        )
+
     def __call__(self, inputs: dict[str, NDArray]) -> dict[str, Array]:
         """All outputs of `aminn_debug.onnx`, float64; `inputs` may have theta (N, P)."""
         x = {name: np.asarray(value, np.float64) for name, value in inputs.items()}
@@ -177,7 +192,14 @@ class Reference:
             springs = self.springs(stage, f, x)
             response = self.mechanics(i, springs, x)
             springs.pop("twist")
+            n = len(f)
+            springs |= dict(
+                friction=np.zeros((n, self.b)), preload=np.zeros((n, self.b, 3)), slide=np.zeros((n, self.b))
+            )
             if stage == "s1":
                 out["p_stable"] = _sigmoid(self.logit(f, response))
+            else:
+                out |= self.sure(f, response)
             out |= {f"{stage}_{name}": value for name, value in (springs | response).items()}
-        return out | {"dx_ht": out["s2_dx"], "k_x": out["s2_k_x"], "gate": out["s2_gate"]}
+        out |= {"dx_ht": out["s2_dx"], "k_x": out["s2_k_x"], "gate": out["s2_gate"]}
+        return out | {"friction_use": np.zeros_like(out["gate"])}

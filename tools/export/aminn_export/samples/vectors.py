@@ -8,7 +8,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,10 +21,12 @@ from aminn_hand.hand import INPUTS, MAX_BRANCHES, MAX_COORDINATES, MIN_BRANCHES,
 
 VECTOR_MAGIC = 0x564E4D41  # "AMNV"
 RESULT_MAGIC = 0x4F4E4D41  # "AMNO"
-VERSION = 1
-_HEADER = struct.Struct("<5I2H2I")
+VERSION = 2
+_HEADER = struct.Struct("<5I2BH2I")
 THETA = "theta"
 """Input of told models, which samples may have behind `INPUTS`."""
+SENSORS = tuple(Dims(2, 1, 2, 1, 0).sensors)
+"""Inputs of models that see sensors, behind theta; all of a hand's or none."""
 
 
 def _sizes() -> dict[tuple[int, int], Dims]:
@@ -47,7 +49,7 @@ def described(dims: Dims) -> str:
 
 
 def dims_of_inputs(inputs: Mapping[str, NDArray]) -> Dims:
-    """The counts of the hand that inputs (arrays by name) are of; tendons and gates unknown, told as 0.
+    """The counts of the hand that inputs (arrays by name) are of; of gates, and of tendons not sensed, it has 0.
 
     Raises AminnError where one is missing or of no hand.
     """
@@ -59,7 +61,8 @@ def dims_of_inputs(inputs: Mapping[str, NDArray]) -> Dims:
         raise AminnError(
             f"vectors: q, contacts, j_q have shapes {q}, {contacts}, {j_q}, expected (N,J), (N,B,8), (N,B,3,C)"
         )
-    return Dims(contacts[1], j_q[3], q[1], 0, 0)
+    tension = np.shape(inputs.get(SENSORS[-1], np.zeros((0, 1))))
+    return Dims(contacts[1], j_q[3], q[1], tension[-1] - 1, 0)
 
 
 @dataclass(frozen=True)
@@ -119,9 +122,9 @@ def unpack(rows: NDArray, shapes: dict[str, tuple[int, ...]]) -> dict[str, NDArr
     return out
 
 
-def shapes_with(dims: Dims, n_theta: int) -> dict[str, tuple[int, ...]]:
-    """Shapes of a sample's numbers; with so many of theta at the end."""
-    return dims.inputs | ({THETA: (n_theta,)} if n_theta else {})
+def shapes_with(dims: Dims, n_theta: int, sensing: bool = False) -> dict[str, tuple[int, ...]]:
+    """Shapes of a sample's numbers; with so many of theta behind the inputs, and sensors at the end."""
+    return dims.inputs | ({THETA: (n_theta,)} if n_theta else {}) | (dims.sensors if sensing else {})
 
 
 def write_vectors(
@@ -131,12 +134,13 @@ def write_vectors(
     reference_f64: dict[str, NDArray] | None = None,
     model: int = 0,
 ) -> None:
-    """Write a vector file; names and shapes as in `Dims`, float32 inputs and reference, optional theta and float64.
+    """Write a vector file; names and shapes as in `Dims`, float32 inputs and reference; also theta, sensors, float64.
 
     `model` is the content_crc of the model that the reference is of.
     """
     dims = dims_of_inputs(inputs)
-    shapes = shapes_with(dims, np.shape(inputs[THETA])[-1] if THETA in inputs else 0)
+    n_theta = np.shape(inputs[THETA])[-1] if THETA in inputs else 0
+    shapes = shapes_with(dims, n_theta, any(name in inputs for name in SENSORS))
     x, y = pack(inputs, shapes, "<f4"), pack(reference, dims.outputs, "<f4")
     payload = x.tobytes() + y.tobytes()
     if len(x) != len(y):
@@ -146,7 +150,7 @@ def write_vectors(
         if len(z) != len(x):
             raise AminnError(f"vectors: {len(x)} inputs but {len(z)} float64 outputs")
         payload += z.tobytes()
-    also = int(reference_f64 is not None), x.shape[1] - dims.input
+    also = int(reference_f64 is not None), x.shape[1] - dims.input - n_theta, n_theta
     header = _HEADER.pack(VECTOR_MAGIC, VERSION, len(x), dims.input, dims.output, *also, zlib.crc32(payload), model)
     write_atomically(Path(path), header + payload)
 
@@ -166,6 +170,7 @@ class _Open:
     n_in: int
     n_out: int
     has_f64: bool
+    n_sensor: int
     n_theta: int
     model: int
 
@@ -174,19 +179,19 @@ def _open(path: Path, magic: int, kind: str) -> _Open:
     blob = path.read_bytes()
     if len(blob) < _HEADER.size:
         raise AminnError(f"{path}: truncated: {len(blob)} bytes, a {kind} file has at least {_HEADER.size}")
-    found, version, n, n_in, n_out, has_f64, n_theta, crc, model = _HEADER.unpack_from(blob)
+    found, version, n, n_in, n_out, has_f64, n_sensor, n_theta, crc, model = _HEADER.unpack_from(blob)
     payload = blob[_HEADER.size :]
     if found != magic:
         raise AminnError(f"{path}: not a {kind} file (wrong magic)")
     if version != VERSION:
         raise AminnError(f"{path}: version {version}, this program reads {VERSION}; write it again")
-    if has_f64 > 1 or ((has_f64 or n_theta) and magic == RESULT_MAGIC):
-        raise AminnError(f"{path}: damaged: has_f64 is {has_f64}, n_theta {n_theta}")
+    if has_f64 > 1 or ((has_f64 or n_theta or n_sensor) and magic == RESULT_MAGIC):
+        raise AminnError(f"{path}: damaged: has_f64 is {has_f64}, n_sensor {n_sensor}, n_theta {n_theta}")
     if model and magic == RESULT_MAGIC:
         raise AminnError(f"{path}: damaged: the last word of its header is {model}, expected 0")
     if zlib.crc32(payload) != crc:
         raise AminnError(f"{path}: damaged: its CRC-32 does not match")
-    return _Open(payload, n, n_in, n_out, bool(has_f64), n_theta, model)
+    return _Open(payload, n, n_in, n_out, bool(has_f64), n_sensor, n_theta, model)
 
 
 def read_vectors(path: AnyPath, hand: Dims | None = None) -> Vectors:
@@ -203,7 +208,12 @@ def read_vectors(path: AnyPath, hand: Dims | None = None) -> Vectors:
     stiff = file.n_theta - dims.branches - dims.joints - 1
     if file.n_theta and (stiff < 0 or (hand is not None and stiff != hand.stiff)):
         raise AminnError(f"{path}: {file.n_theta} numbers of theta a sample, which are not those of the hand")
-    n, n_in, n_out = file.n, file.n_in + file.n_theta, file.n_out
+    if file.n_sensor:
+        bare = replace(dims, tendons=0)
+        dims = replace(dims, tendons=max(0, file.n_sensor - bare.sensed - 2))
+        if file.n_sensor != dims.sensed + 1 or (hand is not None and dims.sensors != hand.sensors):
+            raise AminnError(f"{path}: {file.n_sensor} numbers of sensors a sample, which are not those of the hand")
+    n, n_in, n_out = file.n, file.n_in + file.n_theta + file.n_sensor, file.n_out
     if len(file.payload) != n * (4 * (n_in + n_out) + 8 * n_out * file.has_f64):
         raise AminnError(f"{path}: {len(file.payload)} bytes do not fit {n} samples")
     x = np.frombuffer(file.payload, "<f4", n * n_in).reshape(n, n_in)
@@ -212,7 +222,8 @@ def read_vectors(path: AnyPath, hand: Dims | None = None) -> Vectors:
     if file.has_f64:
         z = np.frombuffer(file.payload, "<f8", n * n_out, 4 * n * (n_in + n_out)).reshape(n, n_out)
         exact = unpack(z, dims.outputs)
-    return Vectors(unpack(x, shapes_with(dims, file.n_theta)), unpack(y, dims.outputs), exact, file.model)
+    shapes = shapes_with(dims, file.n_theta, file.n_sensor > 0)
+    return Vectors(unpack(x, shapes), unpack(y, dims.outputs), exact, file.model)
 
 
 def check_hand(found: Dims, hand: Dims | None, path: Path) -> None:
@@ -239,5 +250,5 @@ def read_results(path: AnyPath) -> Results:
 def write_results(path: AnyPath, rows: NDArray[np.float32], status: NDArray[np.int32]) -> None:
     """Write a result file: outputs and decision (n, outputs + 1), and a status code for each sample (n)."""
     payload = np.ascontiguousarray(rows, "<f4").tobytes() + np.ascontiguousarray(status, "<i4").tobytes()
-    header = _HEADER.pack(RESULT_MAGIC, VERSION, len(rows), 0, rows.shape[1], 0, 0, zlib.crc32(payload), 0)
+    header = _HEADER.pack(RESULT_MAGIC, VERSION, len(rows), 0, rows.shape[1], 0, 0, 0, zlib.crc32(payload), 0)
     write_atomically(Path(path), header + payload)
