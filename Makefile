@@ -174,6 +174,11 @@ calibrate: setup-python ## hands that no model was trained on, calibrated by ten
 	@$(PYTHON) -m aminn_app.calibrate_study --build $(BUILD) --jobs $(JOBS)
 	@echo "Report: $(REPORTS)/calibrate.json"
 
+.PHONY: friction
+friction: setup-python ## friction learned from the loads of a grasp, and what it gives for the next: on build/dataset (RUN=build/runs/aminn)
+	@[ -f $(BUILD)/dataset/manifest.json ] || $(MAKE) --no-print-directory dataset
+	@$(PYTHON) -m aminn_app.friction_study --run $(or $(RUN),$(BUILD)/runs/aminn) --data $(BUILD)/dataset --out $(REPORTS)/friction.json
+
 .PHONY: gallery
 gallery: setup-python setup-view ## pictures of grasps before and after their load, from build/dataset (PICTURES=16)
 	@[ -f $(BUILD)/dataset/manifest.json ] || $(MAKE) --no-print-directory dataset

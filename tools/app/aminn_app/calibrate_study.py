@@ -46,6 +46,7 @@ from aminn_export.judge.push_figures import push_figures
 from aminn_hand.hand import STATE
 from aminn_hand.theta import Theta
 
+from .friction_study import friction_figures, learns
 from .pipeline import anew_if_outdated
 from .simulation import run_simulation
 
@@ -615,6 +616,12 @@ def learned_on_the_device(folder: Path, scale: Scale) -> Figures:
     return out
 
 
+def learned_friction(folder: Path) -> Figures:
+    """What the test hands' loads tell of friction (`friction_figures`), theta told; nothing where none slides."""
+    checkpoint = load_checkpoint(folder / "runs" / "told")
+    return friction_figures(checkpoint, load_dataset(folder / "test")) if learns(checkpoint) else {}
+
+
 class _Here(Executor):
     """Does everything in this process, at once."""
 
@@ -667,6 +674,7 @@ def study(
                 report |= {f"tune_steps_{k}": v for k, v in learned["steps"].items()}
                 report |= device_figures(folder / "device") if scale.device else {}
                 report |= learned_on_the_device(folder, scale)
+                report |= learned_friction(folder)
                 report |= {"parts": " ".join(finished), "aims_missed": "; ".join(missed(report, scale))}
                 found(report)
     return report
