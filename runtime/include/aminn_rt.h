@@ -547,7 +547,13 @@ typedef struct aminn_context {
     const aminn_varied_t *varied; /* in use: the model's, or a calibration's */
     aminn_status_t (*correct)(const aminn_calibration_t *, aminn_state_t *); /* null without a calibration */
     aminn_stage_debug_t stage[AMINN_N_STAGE];
-    aminn_input_t input; /* of aminn_predict_state: the state and its closure */
+    aminn_input_t input;            /* of aminn_predict_state: the state and its closure */
+    float sensed[AMINN_N_SENSED]; /* what networks see of the sensors */
+#if AMINN_N_SLIDE
+    float friction; /* coefficient that the layer starts from */
+    float preload[AMINN_N_BRANCH]
+                 [3]; /* tangential forces that carry the tool's weight, N; zeros where it is not known */
+#endif
     float contact_input[AMINN_N_CONTACT_INPUT];
     float slog_w[AMINN_N_WRENCH];
     float layer_in[AMINN_MAX_WIDTH + AMINN_N_LAST_INPUT];

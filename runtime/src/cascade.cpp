@@ -46,7 +46,11 @@ bool run_stage(aminn_t &ctx, int i, const Scene &scene, const aminn_input_t &in,
 #else
     Branches *springs = ctx.head;
 #endif
-    springs_from_head(model, *ctx.varied, ctx.head, springs);
+#if AMINN_N_SLIDE
+    springs_from_head(model, *ctx.varied, ctx.friction, ctx.preload, ctx.head, springs);
+#else
+    springs_from_head(model, *ctx.varied, 0.0F, nullptr, ctx.head, springs);
+#endif
     const bool debug = (ctx.flags & AMINN_FLAG_DEBUG) != 0;
     const unsigned wanted = debug ? kWantStiffness | kWantDeflection : i == 0 ? 0u : kWantStiffness;
     two_pass(model, model.stage[i], ctx.varied->eps_m[i], scene, in, springs, wanted, ctx.stage[i], summary);
@@ -80,6 +84,11 @@ bool run_cascade(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out)
     }
     out.p_stable = classify(model, summary, ctx.stage[0].gate, ctx);
     out.stable = out.p_stable >= model.tau ? 1 : 0;
+#if AMINN_N_SLIDE
+    std::memcpy(out.friction_use, summary.friction.use, sizeof out.friction_use);
+#else
+    std::memset(out.friction_use, 0, sizeof out.friction_use);
+#endif
     bool sound = true;
     if (out.stable != 0 || (ctx.flags & AMINN_FLAG_ALWAYS_STAGE2) != 0) {
         const aminn_stage_debug_t &stage = ctx.stage[1];
@@ -89,7 +98,6 @@ bool run_cascade(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out)
         std::memcpy(out.dx_ht, stage.dx, kMotionBytes);
         sound = doubt(model, summary, ctx, out);
     }
-    std::memset(out.friction_use, 0, sizeof out.friction_use);
     out.condition = summary.condition;
     return sound & (out.p_stable >= 0.0F); // a number
 }

@@ -57,6 +57,13 @@ AMINN_FUNCTION void add(Components<Number, kCount> &a, const Components<Number, 
     }
 }
 template <class Number, int kCount>
+AMINN_FUNCTION void multiply(Components<Number, kCount> &a, const Components<Number, kCount> &b)
+{
+    for (int i = 0; i < kCount; ++i) {
+        a.v[i] = a.v[i] * b.v[i];
+    }
+}
+template <class Number, int kCount>
 AMINN_INLINE Number scale_by_component(Components<Number, kCount> &a, int j)
 {
     const Number inv = 1.0F / a[j];

@@ -54,6 +54,7 @@ constexpr int kBelow = kCoord * (kCoord - 1) / 2; // entries of a branch's Chole
 constexpr bool kGated = AMINN_N_GATED > 0;
 constexpr bool kSomeLack = kGated && AMINN_N_GATED < kBranch; // a gated tendon: their nominal gain is zero
 constexpr bool kTwisted = AMINN_N_TWIST > 0;                  // fingertips resist twisting
+constexpr bool kSliding = AMINN_N_SLIDE > 0;                  // contacts can slide
 constexpr int kMotion = AMINN_N_WRENCH;
 constexpr int kContacts = AMINN_N_JOINT + 2 * AMINN_N_WRENCH; // numbers before them in aminn_state_t: q, x_ht, w_e
 
@@ -65,6 +66,7 @@ static_assert(AMINN_N_JOINT >= kCoord + kBranch - 1 && AMINN_N_JOINT <= kBranch 
 static_assert(4 * kBranch + kMotion <= 28 && 4 * 4 + kMotion <= 24 && 3 * 3 + kMotion <= 16,
               "as many rows as AMINN_UNROLL_ROWS unrolls");
 static_assert(AMINN_N_GATED >= 0 && AMINN_N_GATED <= kBranch, "a branch has one gated tendon at most: AMINN_N_GATED");
+static_assert(AMINN_N_SLIDE == 0 || AMINN_N_SLIDE == 1, "contacts can slide, or they cannot: AMINN_N_SLIDE");
 static_assert(AMINN_N_TWIST == 0 || AMINN_N_TWIST == kBranch, "all fingertips resist twisting, or none: AMINN_N_TWIST");
 static_assert(offsetof(aminn_state_t, contacts) == kContacts * sizeof(float), "aminn_state_t has no gaps");
 } // namespace aminn

@@ -39,6 +39,12 @@ AMINN_INLINE Branches where_not_zero(Branches number, Branches x)
     return number != 0.0F ? x : Branches{};
 }
 
+// the larger; the limit if x is no number
+AMINN_INLINE Branches largest(Branches limit, Branches x)
+{
+    return x > limit ? x : limit;
+}
+
 // the smaller; x if it is no number
 AMINN_INLINE Branches least(Branches limit, Branches x)
 {

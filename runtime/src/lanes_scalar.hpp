@@ -13,6 +13,7 @@ inline namespace AMINN_CORE {
 
 using TendonRow = Row;
 using ContactRow = Row;
+using SlideRow = Components<float, 2 * kBranch>;
 using Branches = float;
 constexpr int kSideBySide = 1;
 static_assert(kBranch + 1 <= kMotion, "a row holds a number of each tendon, and one more");
@@ -29,6 +30,10 @@ AMINN_INLINE Branches gather(const float *p, int, int)
 AMINN_INLINE void scatter(Branches x, float *p, int, int)
 {
     *p = x;
+}
+AMINN_INLINE float branch_of(Branches x, int)
+{
+    return x;
 }
 // the sum of so many products
 template <int kCount>
@@ -54,13 +59,34 @@ class WeightedRows {
     }
     AMINN_INLINE void products_of(int j, Row &to) const
     {
-        inner_products(to, rows_, kCount, weight_, j);
+        inner_products(to, rows_, kCount, weight_, rows_, j);
     }
 
   private:
     const float *weight_;
     const Row *rows_;
 };
+
+// to = the inner products of the rows' columns: the upper half is computed, and both are stored
+template <int kColumns, int kCount, class AnyRow>
+AMINN_FUNCTION void squares(AnyRow *to, const AnyRow *rows, const float *weight)
+{
+#if AMINN_CORTEX_M
+    if constexpr (kColumns == kMotion) {
+        six_squares(to, rows, kCount, weight);
+        return;
+    }
+#endif
+    for (int j = 0; j < kColumns; ++j) {
+        scale(to[j], weight[0] * rows[0][j], rows[0]);
+        for (int r = 1; r < kCount; ++r) {
+            add_scaled(to[j], weight[r] * rows[r][j], rows[r]);
+        }
+        for (int i = 0; i < j; ++i) {
+            set_component(to[j], i, to[i][j]);
+        }
+    }
+}
 
 // to[i] = component i of each branch's row, then of the last row
 AMINN_INLINE void transpose(const Row branches[kBranch], const Row &last, TendonRow to[kMotion])

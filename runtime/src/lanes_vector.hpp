@@ -52,6 +52,18 @@ AMINN_INLINE void scatter(Branches x, float *p, int stride, int n)
         }
     }
 }
+AMINN_INLINE float branch_of(Branches x, int k)
+{
+    return x[k];
+}
+AMINN_INLINE Branches add_product(Branches a, Branches b, Branches c)
+{
+    return a + b * c;
+}
+AMINN_INLINE Branches subtract_product(Branches a, Branches b, Branches c)
+{
+    return a - b * c;
+}
 // the sum of so many products
 template <int kCount>
 AMINN_INLINE Branches dot_of(const Branches *a, const Branches *b)
@@ -66,25 +78,55 @@ AMINN_INLINE Branches dot_of(const Branches *a, const Branches *b)
 
 // Rows whose columns' inner products are asked for one after the other: they lie weighted in memory, from where a component
 // is loaded into all places of a register.
-template <int kCount>
+template <int kCount, class AnyRow = Row>
 class WeightedRows {
   public:
-    WeightedRows(const Row *rows, const float *weight) : rows_(rows)
+    WeightedRows(const AnyRow *rows, const float *weight) : rows_(rows)
     {
         for (int r = 0; r < kCount; ++r) {
-            const Float8 row = weight[r] * rows[r].v;
+            const auto row = weight[r] * rows[r].v;
             std::memcpy(weighted_[r], &row, sizeof row);
         }
     }
-    AMINN_INLINE void products_of(int j, Row &to) const
+    AMINN_INLINE void products_of(int j, AnyRow &to) const
     {
         weighted_sum(to, rows_, kCount, [this, j](int r) { return weighted_[r][j]; });
     }
+    // one after the other
+    AMINN_INLINE void add_products_of(int r, int j, AnyRow &to) const
+    {
+        if (r == 0) {
+            scale(to, weighted_[0][j], rows_[0]);
+        } else {
+            add_scaled(to, weighted_[r][j], rows_[r]);
+        }
+    }
 
   private:
-    float weighted_[kCount][8];
-    const Row *rows_;
+    float weighted_[kCount][sizeof(AnyRow) / sizeof(float)];
+    const AnyRow *rows_;
 };
+
+// to = the inner products of the rows' columns: the upper half is computed, and stored twice
+template <int kColumns, int kCount, class AnyRow>
+AMINN_INLINE void squares(AnyRow *to, const AnyRow *rows, const float *weight)
+{
+    const WeightedRows<kCount, AnyRow> weighted(rows, weight);
+    AMINN_UNROLL_ROWS
+    for (int r = 0; r < kCount; ++r) {
+        AMINN_UNROLL_ROWS
+        for (int j = 0; j < kColumns; ++j) {
+            weighted.add_products_of(r, j, to[j]);
+        }
+    }
+    AMINN_UNROLL_ROWS
+    for (int j = 1; j < kColumns; ++j) {
+        AMINN_UNROLL_ROWS
+        for (int i = 0; i < j; ++i) {
+            set_component(to[j], i, to[i][j]);
+        }
+    }
+}
 
 // to[i] = component i of each branch's row, then of the last row
 AMINN_INLINE void transpose(const Row branches[kBranch], const Row &last, TendonRow to[kMotion])

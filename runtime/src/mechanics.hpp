@@ -34,186 +34,22 @@
 #ifndef AMINN_SRC_MECHANICS_HPP
 #define AMINN_SRC_MECHANICS_HPP
 
-#include "springs.hpp"
+#include "friction.hpp"
 
 namespace aminn {
 inline namespace AMINN_CORE {
-
-// What the statics need of an input, the same for both stages. "Scaled": lengths divided by length_scale.
-struct Scene {
-    Row a_s[3 * kBranch]; // rows of j_x S
-    float w_s[kMotion];   // S w_e
-    float scale[kMotion]; // S
-    float inv_scale[kMotion];
-};
 
 // What stage 1's classifier sees of pass 2, and how far apart the stiffnesses lie.
 struct StaticsSummary {
     float x_s[kMotion]; // scaled displacement, m
     Row diag_k_s;       // diagonal of the scaled stiffness, N/m
     float condition;    // trace(K) trace(K0^-1), scaled; K0 has no tendons
+#if AMINN_N_SLIDE
+    Friction friction;
+#endif
 };
 
 enum Wanted : unsigned { kWantStiffness = 1, kWantDeflection = 2 }; // of k_x and dq0, which nothing else depends on
-
-constexpr int kStacked = 3 * kBranch;
-constexpr int kHeld = kTwisted ? kStacked + kBranch : kStacked; // rows of the tool above the identity
-constexpr int kTendons = kGated ? kBranch : 0;
-constexpr int kStiffness = kMotion + kTendons; // rows of the factor U, and m of the tendons
-constexpr float kSlack = 1e30F; // compliance of a tendon that does not engage at all, which nothing can show
-
-// Joints and contact compliance of the branches of a group, in series, seen from the contact.
-struct Contact {
-    ContactRow rows[kCoord + 3]; // a row for each coordinate: Q, and in column 3 what is left of d; U^-1 below
-    Branches row_weight[kCoord + 3];
-    Branches lower[kCoord > 1 ? kBelow : 1]; // of L, with the other sign: 10, 20, 21 ..
-    Branches t[3];                           // sqrt(c) t
-    Branches rest_square;                    // rho^2
-    Branches root_contact;                   // sqrt(c)
-};
-
-// The grasp with springs alone, and its tendons.
-struct Grasp {
-    Contact contact[kGroups];
-    Row rows[kHeld + kMotion];     // V, then Q; U^-1 below
-    float weight[kHeld + kMotion]; // of the rows
-    Row stiffness[kStiffness];     // U; m of the tendons
-    float d[kStiffness];           // D; gamma
-    float inv_d[kStiffness];       // D^-1; 1 / gamma
-};
-
-// The first columns of rows with an identity as wide below, which this writes: rows becomes Q, and D and U come out.
-template <class AnyRow, class Number>
-AMINN_FUNCTION void orthogonalise(AnyRow *rows, int above, int columns, const Number *weight, AnyRow *u, Number *d,
-                                  Number *inv_d)
-{
-    AMINN_UNROLL_ROWS
-    for (int j = 0; j < columns; ++j) {
-        const int n = above + j + 1; // further down, column j is zero
-        clear(rows[above + j]);
-        set_component(rows[above + j], j, 1.0F);
-        inner_products(u[j], rows, n, weight, j);
-        d[j] = u[j][j];
-        inv_d[j] = scale_by_component(u[j], j);
-        clear_up_to(u[j], j);
-        if (j < kMotion - 1) { // behind the last there is nothing
-            eliminate(rows, n, j, u[j]);
-        }
-        set_component(u[j], j, 1.0F);
-    }
-}
-
-// T^-1 of n rows, T lower triangular with ones on its diagonal; its other entries (10, 20, 21 ..) with the other sign
-template <int n, class AnyRow, class Number>
-AMINN_FUNCTION void substitute(AnyRow *rows, const Number *minus_t)
-{
-    for (int r = 1; r < n; ++r) {
-        for (int c = 0; c < r; ++c) {
-            add_scaled(rows[r], minus_t[below(r, c)], rows[c]);
-        }
-    }
-}
-
-// v: the branches' rows of A, which become those of V, with these weights
-AMINN_FUNCTION void factor_contact(const Branches *springs, const aminn_input_t &in, int g, const float *eps_m,
-                                   Contact &contact, Row *v, float *weight)
-{
-    const int b = g * kSideBySide;
-    const int n = in_group(g);
-    ContactRow *rows = contact.rows;
-    Branches inv_diag[kCoord];
-    const Branches compliance = gather(eps_m + b, 1, n);
-    for (int c = 0; c < kCoord; ++c) {
-        const Branches values[kMotion] = {
-            -gather(&in.j_q[b][0][c], 3 * kCoord, n), -gather(&in.j_q[b][1][c], 3 * kCoord, n),
-            -gather(&in.j_q[b][2][c], 3 * kCoord, n), kGated ? springs[at(kDir + c, g)] : Branches{}};
-        load_row(rows[c], values);
-        inv_diag[c] = 1.0F / springs[at(kDiag + c, g)];
-        contact.row_weight[c] = inv_diag[c] * inv_diag[c];
-        if (kCoord <= 3 || c < 3) { // a row for each dimension of space, below
-            contact.row_weight[kCoord + c] = compliance;
-        }
-    }
-    if constexpr (kCoord < 3) {
-        for (int i = kCoord; i < 3; ++i) {
-            contact.row_weight[kCoord + i] = compliance;
-        }
-    }
-    for (int r = 1; r < kCoord; ++r) {
-        for (int c = 0; c < r; ++c) {
-            contact.lower[below(r, c)] = -(springs[at(kOff + below(r, c), g)] * inv_diag[c]);
-        }
-    }
-    substitute<kCoord>(rows, contact.lower);
-    ContactRow u[3];
-    Branches d[3];
-    Branches inv_d[3];
-    orthogonalise(rows, kCoord, 3, contact.row_weight, u, d, inv_d);
-    if constexpr (kGated) {
-        ContactRow rest;
-        inner_products(rest, rows, kCoord + 3, contact.row_weight, 3);
-        contact.rest_square = rest[3];
-    }
-    const Branches c = gather(in.contacts[b], AMINN_N_CONTACT_FEATURE, n);
-    if constexpr (kGated) {
-        contact.root_contact = root(c);
-    }
-    float minus_u[kSideBySide][3];
-    scatter(-u[0][1], &minus_u[0][0], 3, n);
-    scatter(-u[0][2], &minus_u[0][1], 3, n);
-    scatter(-u[1][2], &minus_u[0][2], 3, n);
-    for (int i = 0; i < 3; ++i) {
-        if constexpr (kGated) {
-            contact.t[i] = contact.root_contact * u[i][3];
-        }
-        scatter(c * inv_d[i], weight + i, 3, n);
-    }
-    for (int k = 0; k < n; ++k) {
-        substitute<3>(v + 3 * k, minus_u[k]);
-    }
-}
-
-// to[k] = the 3 rows of branch k of a group, summed with its coefficients
-AMINN_FUNCTION static void combine_branches(Row to[], const Row rows[], const Branches coefficient[3], int g)
-{
-    const int n = in_group(g);
-    float c[3][kSideBySide];
-    for (int i = 0; i < 3; ++i) {
-        scatter(coefficient[i], c[i], 1, n);
-    }
-    for (int k = 0; k < n; ++k) {
-        const float own[3] = {c[0][k], c[1][k], c[2][k]};
-        combine(to[k], rows + 3 * k, 3, own);
-    }
-}
-
-static void factor_grasp(const Branches *springs, const aminn_input_t &in, const Scene &scene,
-                         const aminn_stage_model_t &stage, const float *eps_m, Grasp &grasp)
-{
-    std::memcpy(grasp.rows, scene.a_s, sizeof scene.a_s);
-    for (int g = 0; g < kGroups; ++g) {
-        const int b = g * kSideBySide;
-        Row *v = grasp.rows + 3 * b;
-        factor_contact(springs, in, g, eps_m, grasp.contact[g], v, grasp.weight + 3 * b);
-        if constexpr (kGated) {
-            combine_branches(grasp.stiffness + kMotion + b, v, grasp.contact[g].t, g);
-        }
-    }
-    if constexpr (kTwisted) {
-        for (int b = 0; b < kBranch; ++b) {
-            const float *contact = in.contacts[b];
-            const float *scale = scene.scale + 3;
-            const float about[kMotion] = {
-                0.0F, 0.0F, 0.0F, contact[4] * scale[0], contact[5] * scale[1], contact[6] * scale[2]};
-            load_row(grasp.rows[kStacked + b], about);
-            grasp.weight[kStacked + b] = contact[0] * of_branch(springs, kTwist, b);
-        }
-    }
-    for (int i = 0; i < kMotion; ++i) {
-        grasp.weight[kHeld + i] = (stage.eps_kx * scene.scale[i]) * scene.scale[i];
-    }
-    orthogonalise(grasp.rows, kHeld, kMotion, grasp.weight, grasp.stiffness, grasp.d, grasp.inv_d);
-}
 
 // U^-1 z, scaled and in SI
 AMINN_FUNCTION void displacement(const Grasp &grasp, const Row &z, const float to_si[kMotion], float x_s[kMotion],
@@ -277,42 +113,36 @@ AMINN_FUNCTION void displacement(const Grasp &grasp, const Row &z, const float t
 }
 #endif
 
-// K_x in SI, symmetric to the last bit
-static void store_stiffness(const Grasp &grasp, const float inv_scale[kMotion], float k_x[kMotion][kMotion])
+// Row i of the scaled K_x in SI, symmetric to the last bit
+AMINN_INLINE void store_in_si(Row &row, const float inv_scale[kMotion], int i, float k_x[kMotion][kMotion])
 {
     Row to_si;
     load_row(to_si, inv_scale);
-    const WeightedRows<kStiffness> weighted(grasp.stiffness, grasp.d);
-    for (int i = 0; i < kMotion; ++i) {
-        Row row;
-        weighted.products_of(i, row);
-        scale(row, inv_scale[i], row);
-        multiply(row, to_si);
-        for (int k = i; k < kMotion; ++k) {
-            k_x[i][k] = k_x[k][i] = row[k];
-        }
+    scale(row, inv_scale[i], row);
+    multiply(row, to_si);
+    for (int k = i; k < kMotion; ++k) {
+        k_x[i][k] = k_x[k][i] = row[k];
     }
 }
 
-AMINN_INLINE void make_scene(const aminn_model_t &model, const aminn_input_t &in, Scene &scene)
+#if AMINN_N_SLIDE
+// Motions beyond the bounds of what is called stable are cut to these as a whole.
+static void cut_motion(const aminn_model_t &model, float dx[kMotion])
 {
-    const float inv_length = 1.0F / model.length_scale;
-    for (int i = 0; i < 3; ++i) {
-        scene.scale[i] = 1.0F;
-        scene.inv_scale[i] = 1.0F;
-        scene.w_s[i] = in.w_e[i];
-        scene.scale[3 + i] = inv_length;
-        scene.inv_scale[3 + i] = model.length_scale;
-        scene.w_s[3 + i] = in.w_e[3 + i] * inv_length;
+    const float size = root(dot3(dx, dx));
+    const float angle = root(dot3(dx + 3, dx + 3));
+    float share = 1.0F;
+    if (size > model.max_translation) {
+        share = model.max_translation / size;
     }
-    Row to_scaled;
-    load_row(to_scaled, scene.scale);
-    const auto *j_x = reinterpret_cast<const float *>(in.j_x);
-    for (int r = 0; r < 3 * kBranch; ++r) {
-        load_row(scene.a_s[r], j_x + kMotion * r);
-        multiply(scene.a_s[r], to_scaled);
+    if (angle * share > model.max_rotation) {
+        share = model.max_rotation / angle;
+    }
+    for (int i = 0; i < kMotion; ++i) {
+        dx[i] = share * dx[i];
     }
 }
+#endif
 
 // The gates of a group, and how stiff its tendons are with them.
 AMINN_INLINE void engage(const Branches *springs, int g, Branches eta, Branches rest_square, Grasp &grasp, float *gate)
@@ -386,6 +216,18 @@ static void two_pass(const aminn_model_t &model, const aminn_stage_model_t &stag
     }
 
     // pass 2: the tendons' share of the load
+#if AMINN_N_SLIDE
+    Tendons tendons;
+    Footing footings[kGroups];
+    if constexpr (kGated) {
+        TendonRow u[kBranch];
+        transpose(h, y, tendons.rows);
+        orthogonalise(tendons.rows, kMotion, kBranch, grasp.inv_d, u, tendons.d, tendons.inv_d);
+        take_last(tendons.rows, z);
+        multiply(z, inv_d);
+    }
+    slide(springs, in, grasp, tendons, y, (wanted & kWantDeflection) != 0, footings, z, out, summary.friction);
+#else
     if constexpr (kGated) {
 #if AMINN_LANES || AMINN_N_BRANCH < 3
         TendonRow rows[kMotion + kBranch];
@@ -401,17 +243,35 @@ static void two_pass(const aminn_model_t &model, const aminn_stage_model_t &stag
         take_last(rows, z);
         multiply(z, inv_d);
     }
+#endif
     displacement(grasp, z, scene.scale, summary.x_s, out.dx);
 
-    if ((wanted & kWantStiffness) != 0) {
-        store_stiffness(grasp, scene.inv_scale, out.k_x);
-    }
     Row ones;
     Row inverse_square;
     load_row(ones, kOnes);
     sum_of_squares(summary.diag_k_s, grasp.stiffness, kStiffness, grasp.d);
     sum_of_squares(inverse_square, inverse, kMotion, kOnes);
     summary.condition = dot(summary.diag_k_s, ones) * dot(inverse_square, inv_d);
+#if AMINN_N_SLIDE
+    cut_motion(model, out.dx);
+    if ((wanted & kWantStiffness) != 0) {
+        Row k_s[kMotion];
+        soften_stiffness(in, scene, footings, grasp, k_s);
+        for (int i = 0; i < kMotion; ++i) {
+            store_in_si(k_s[i], scene.inv_scale, i, out.k_x);
+            out.k_x[i][i] = out.k_x[i][i] + stage.eps_kx;
+        }
+    }
+#else
+    if ((wanted & kWantStiffness) != 0) {
+        const WeightedRows<kStiffness> weighted(grasp.stiffness, grasp.d);
+        for (int i = 0; i < kMotion; ++i) {
+            Row row;
+            weighted.products_of(i, row);
+            store_in_si(row, scene.inv_scale, i, out.k_x);
+        }
+    }
+#endif
 }
 
 } // namespace AMINN_CORE

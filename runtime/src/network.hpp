@@ -59,20 +59,36 @@ static void run_backbone(const aminn_model_t &model, const aminn_stage_model_t &
     inv_std += kContacts;
     global += kContacts;
     normalise(ctx.slog_w, mean, inv_std, AMINN_N_WRENCH, global);
+    mean += AMINN_N_WRENCH;
+    inv_std += AMINN_N_WRENCH;
+    global += AMINN_N_WRENCH;
     const int told = static_cast<int>(model.n_told);
-    normalise(ctx.varied->told, mean + AMINN_N_WRENCH, inv_std + AMINN_N_WRENCH, told, global + AMINN_N_WRENCH);
-    dense(stage.trunk1_w, model.weight_type, stage.trunk1_b, ctx.layer_in, hc + AMINN_N_GLOBAL_INPUT + told, h,
+    const int sensed = static_cast<int>(model.n_sensed);
+    normalise(ctx.varied->told, mean, inv_std, told, global);
+    normalise(ctx.sensed, mean + told, inv_std + told, sensed, global + told);
+    dense(stage.trunk1_w, model.weight_type, stage.trunk1_b, ctx.layer_in, hc + AMINN_N_GLOBAL_INPUT + told + sensed, h,
           kRectified, ctx.layer_out);
     dense(stage.trunk2_w, model.weight_type, stage.trunk2_b, ctx.layer_out, h, h, kRectified, ctx.feature);
     dense(stage.head_w, model.weight_type, stage.head_b, ctx.feature, h, AMINN_N_HEAD_STORED, kLinear, ctx.head);
 }
 
+#if AMINN_N_SLIDE
+// of each contact's friction, as networks see it
+AMINN_FUNCTION void logarithms(const Friction &friction, float seen[AMINN_N_SLID])
+{
+    const auto *number = reinterpret_cast<const float *>(&friction);
+    for (int i = 0; i < AMINN_N_SLID; ++i) {
+        seen[i] = logarithm(1.0F + number[i]);
+    }
+}
+#endif
+
 constexpr float kMaxLogBound = 80.0F;  // more than any bound: its exponential stays a number
 constexpr float kLeastMotion = 1e-12F; // m, so that no motion at all can be divided by
 
 // p_stable from ctx.feature, which what the statics of stage 1 gave is appended to: the motion with its size in logarithm,
-// log diag(K), gates. The latter two fade where the motion exceeds the length scale: statics are linear, and of a tool that
-// turns many times round they say nothing, and rounding leaves little of that.
+// log diag(K), gates, friction. All but the motion fade where that exceeds the length scale: statics are linear, and of a
+// tool that turns many times round they say nothing, and rounding leaves little of that.
 static float classify(const aminn_model_t &model, const StaticsSummary &summary, const float *gate, aminn_t &ctx)
 {
     const int h = static_cast<int>(model.width);
@@ -90,6 +106,9 @@ static float classify(const aminn_model_t &model, const StaticsSummary &summary,
     if constexpr (kGated) {
         std::memcpy(aux + 2 * AMINN_N_WRENCH, gate, kBranch * sizeof *gate);
     }
+#if AMINN_N_SLIDE
+    logarithms(summary.friction, aux + AMINN_N_AUX - AMINN_N_SLID);
+#endif
     float *in = ctx.feature + h;
     normalise(aux, model.aux_mean, model.aux_inv_std, AMINN_N_AUX, in);
     const float fade = model.length_scale * inv_size;
@@ -111,7 +130,10 @@ static bool doubt(const aminn_model_t &model, const StaticsSummary &summary, ami
     const int h = static_cast<int>(model.width);
     Row x;
     load_row(x, summary.x_s);
-    const float aux[AMINN_N_SURE] = {logarithm(1.0F + root(dot(x, x)) / model.displacement_log_scale)};
+    float aux[AMINN_N_SURE] = {logarithm(1.0F + root(dot(x, x)) / model.displacement_log_scale)};
+#if AMINN_N_SLIDE
+    logarithms(summary.friction, aux + 1);
+#endif
     normalise(aux, model.sure_mean, model.sure_inv_std, AMINN_N_SURE, ctx.feature + h);
     float found[2];
     dense(model.sure_w, model.weight_type, model.sure_b, ctx.feature, h + AMINN_N_SURE, 2, kLinear, found);

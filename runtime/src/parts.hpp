@@ -19,6 +19,9 @@ bool closure(const aminn_model_t &model, const float *q, const float *x_ht,
 // predict.cpp: AMINN_OK for a context that aminn_init has prepared, else AMINN_E_NULL or AMINN_E_NOT_INITIALISED
 aminn_status_t context_status(const aminn_t *ctx);
 
+// predict.cpp: nothing is known beside the state
+void forget_sensors(aminn_t &ctx);
+
 // cascade.cpp, compiled for each instruction set
 #define AMINN_CORE_FUNCTIONS                                                                                \
     /* a prediction from a checked input; false if a stage's results are not sound */                       \

@@ -65,6 +65,19 @@ aminn_status_t context_status(const aminn_t *ctx)
     }
     return ctx->tag == kTag ? AMINN_OK : AMINN_E_NOT_INITIALISED;
 }
+
+void forget_sensors(aminn_t &ctx)
+{
+    for (float &number : ctx.sensed) {
+        number = 0.0F;
+    }
+#if AMINN_N_SLIDE
+    ctx.friction = ctx.model->friction_nominal;
+    for (auto &force : ctx.preload) {
+        force[0] = force[1] = force[2] = 0.0F;
+    }
+#endif
+}
 } // namespace aminn
 
 using namespace aminn;
@@ -90,6 +103,7 @@ aminn_status_t aminn_init_sized(aminn_t *ctx, size_t ctx_size, const aminn_model
         ctx->varied = &model->nominal;
         ctx->flags = flags;
         ctx->tag = kTag;
+        forget_sensors(*ctx);
     }
     return status;
 }

@@ -26,19 +26,19 @@ AMINN_INLINE void combine(AnyRow &to, const AnyRow *rows, int n, const float *c)
 {
     weighted_sum(to, rows, n, [c](int r) { return c[r]; });
 }
-// of column j of the rows with all columns: to = sum_r (weight[r] rows[r][j]) rows[r]
-template <class AnyRow, class Number>
-AMINN_INLINE void inner_products(AnyRow &to, const AnyRow *rows, int n, const Number *weight, int j)
+// of column j of q with all columns of the rows: to = sum_r (weight[r] q[r][j]) rows[r]
+template <class AnyRow, class Number, class Other>
+AMINN_INLINE void inner_products(AnyRow &to, const AnyRow *rows, int n, const Number *weight, const Other *q, int j)
 {
-    weighted_sum(to, rows, n, [=](int r) { return weight[r] * rows[r][j]; });
+    weighted_sum(to, rows, n, [=](int r) { return weight[r] * q[r][j]; });
 }
-// rows[r] -= rows[r][j] factor
-template <class AnyRow>
-AMINN_INLINE void eliminate(AnyRow *rows, int n, int j, const AnyRow &factor)
+// rows[r] -= q[r][j] factor
+template <class AnyRow, class Other>
+AMINN_INLINE void eliminate(AnyRow *rows, int n, const Other *q, int j, const AnyRow &factor)
 {
     AMINN_UNROLL_ROWS
     for (int r = 0; r < n; ++r) {
-        subtract_scaled(rows[r], rows[r][j], factor);
+        subtract_scaled(rows[r], q[r][j], factor);
     }
 }
 // the sum of the products of the components

@@ -10,13 +10,6 @@ inline namespace AMINN_CORE {
 
 using Row = Components<float, kMotion>;
 
-AMINN_FUNCTION void multiply(Row &a, const Row &b)
-{
-    for (int i = 0; i < kMotion; ++i) {
-        a.v[i] = a.v[i] * b.v[i];
-    }
-}
-
 } // namespace AMINN_CORE
 } // namespace aminn
 

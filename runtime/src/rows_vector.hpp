@@ -1,4 +1,4 @@
-// Rows in vector registers: a Row is 8 floats, a TendonRow 4 or 8. The last ones hold numbers that no result depends on.
+// Rows in vector registers: a Row is 8 floats, a TendonRow 4 or 8, a SlideRow 4, 8 or 16. The last ones hold numbers that no result depends on.
 #ifndef AMINN_SRC_ROWS_VECTOR_HPP
 #define AMINN_SRC_ROWS_VECTOR_HPP
 
@@ -48,49 +48,62 @@ AMINN_INLINE void set_place(Float8 &a, int j, float value)
     const Int8 places = {0, 1, 2, 3, 4, 5, 6, 7};
     a = places == j ? Float8{} + value : a;
 }
-#else
-// Of a vector of 32 bytes gcc would make numbers in memory where registers have 16.
-struct Float8 {
-    Float4 low;
-    Float4 high;
+#endif
+
+// Two vectors side by side.
+template <class Half>
+struct Twice {
+    static constexpr int kHalf = sizeof(Half) / sizeof(float);
+    Half low;
+    Half high;
     AMINN_INLINE float operator[](int i) const
     {
-        return i < 4 ? low[i] : high[i - 4];
+        return i < kHalf ? low[i] : high[i - kHalf];
     }
 };
-AMINN_INLINE Float8 operator+(const Float8 &a, const Float8 &b)
+template <class Half>
+AMINN_INLINE Twice<Half> operator+(const Twice<Half> &a, const Twice<Half> &b)
 {
     return {a.low + b.low, a.high + b.high};
 }
-AMINN_INLINE Float8 operator-(const Float8 &a, const Float8 &b)
+template <class Half>
+AMINN_INLINE Twice<Half> operator-(const Twice<Half> &a, const Twice<Half> &b)
 {
     return {a.low - b.low, a.high - b.high};
 }
-AMINN_INLINE Float8 operator*(const Float8 &a, const Float8 &b)
+template <class Half>
+AMINN_INLINE Twice<Half> operator*(const Twice<Half> &a, const Twice<Half> &b)
 {
     return {a.low * b.low, a.high * b.high};
 }
-AMINN_INLINE Float8 operator*(float s, const Float8 &a)
+template <class Half>
+AMINN_INLINE Twice<Half> operator*(float s, const Twice<Half> &a)
 {
     return {s * a.low, s * a.high};
 }
-AMINN_INLINE Float8 operator/(float s, const Float8 &a)
+template <class Half>
+AMINN_INLINE Twice<Half> operator/(float s, const Twice<Half> &a)
 {
     return {s / a.low, s / a.high};
 }
+template <class Half>
+AMINN_INLINE void clear_places_up_to(Twice<Half> &a, int j)
+{
+    clear_places_up_to(a.low, j);
+    clear_places_up_to(a.high, j - Twice<Half>::kHalf);
+}
+template <class Half>
+AMINN_INLINE void set_place(Twice<Half> &a, int j, float value)
+{
+    set_place(a.low, j, value);
+    set_place(a.high, j - Twice<Half>::kHalf, value);
+}
+
+#if !defined(__AVX__)
+using Float8 = Twice<Float4>; // of a vector of 32 bytes gcc would make numbers in memory where registers have 16
 AMINN_INLINE void set(Float8 &to, float x0, float x1, float x2, float x3, float x4, float x5, float x6, float x7)
 {
     to = {Float4{x0, x1, x2, x3}, Float4{x4, x5, x6, x7}};
-}
-AMINN_INLINE void clear_places_up_to(Float8 &a, int j)
-{
-    clear_places_up_to(a.low, j);
-    clear_places_up_to(a.high, j - 4);
-}
-AMINN_INLINE void set_place(Float8 &a, int j, float value)
-{
-    set_place(a.low, j, value);
-    set_place(a.high, j - 4, value);
 }
 #endif
 
@@ -101,6 +114,11 @@ AMINN_INLINE void spread(Float8 &to, float s)
 AMINN_INLINE void spread(Float4 &to, float s)
 {
     to = Float4{s, s, s, s};
+}
+AMINN_INLINE void spread(Twice<Float8> &to, float s)
+{
+    spread(to.low, s);
+    spread(to.high, s);
 }
 
 template <class Vector>
@@ -114,6 +132,8 @@ struct Lanes {
 
 using Row = Lanes<Float8>;
 using TendonRow = Lanes < std::conditional_t<kBranch<4, Float4, Float8>>;
+using SlideRow =
+    Lanes<std::conditional_t<kBranch == 2, Float4, std::conditional_t<kBranch == 5, Twice<Float8>, Float8>>>;
 
 AMINN_INLINE void load_row(Row &a, const float *p)
 {

@@ -41,6 +41,7 @@ bool answers_as_known(aminn_t &ctx)
     aminn_output_t out;
     ctx.varied = &ctx.model->nominal;
     ctx.correct = nullptr;
+    forget_sensors(ctx);
     ctx.flags = AMINN_FLAG_ALWAYS_STAGE2 | AMINN_FLAG_DEBUG;
     auto other = static_cast<uint32_t>(aminn_predict_state(&ctx, &known.state, &out));
     ctx.flags = flags;

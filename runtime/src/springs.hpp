@@ -8,20 +8,22 @@ namespace aminn {
 inline namespace AMINN_CORE {
 
 // The head's outputs, in this order, each for all branches. What tanh bounds stands first, what exp of that makes a factor
-// before the rest of it: so both run over whole arrays. Without gates and soft
-// fingertips there is the Cholesky factor alone.
+// before the rest of it: so both run over whole arrays. Without gates, soft fingertips and contacts that slide there is the
+// Cholesky factor alone.
 enum Head {
     kDiag = 0,                             // C: the Cholesky factor's diagonal
     kGain = kCoord,                        // the tendon's
     kAlpha,                                // the gate's
     kTwist = kGated ? kAlpha + 1 : kCoord, // of a soft fingertip: how much it resists twisting about the normal
     kFactors = kTwisted ? kTwist + 1 : kTwist,
-    kOff = kFactors, // below the diagonal, row by row: 10, 20, 21, 30 ..
-    kBounded = kOff + kBelow,
+    kOff = kFactors,           // below the diagonal, row by row: 10, 20, 21, 30 ..
+    kFriction = kOff + kBelow, // of the contact: logarithm of a factor
+    kBounded = kSliding ? kFriction + 1 : kFriction,
     kDir = kBounded, // C: direction of the tendon
     kBeta = kDir + kCoord,
     kRho,
-    kEnd = kGated ? kRho + 1 : kBounded
+    kPreload = kGated ? kRho + 1 : kBounded, // 3: force across the contact's normal before the load, N
+    kEnd = kSliding ? kPreload + 3 : kPreload
 };
 static_assert(kEnd == AMINN_N_BRANCH_HEAD && kEnd * kBranch == AMINN_N_HEAD, "head layout");
 
@@ -51,8 +53,10 @@ AMINN_INLINE float of_branch(const Branches *springs, int output, int b)
 constexpr int kComputed = AMINN_LANES ? (kFactors * kBranch + 7) / 8 * 8 : kFactors * kBranch;
 static_assert(kComputed <= AMINN_N_HEAD_STORED, "there are so many numbers");
 
-// head is overwritten, and may be springs.
-static void springs_from_head(const aminn_model_t &model, const aminn_varied_t &varied, float *head, Branches *springs)
+// head is overwritten, and may be springs. Of contacts that slide: what is told of their friction, and of the forces across
+// their normals before the load, N.
+static void springs_from_head(const aminn_model_t &model, const aminn_varied_t &varied, float friction,
+                              const float (*preload)[3], float *head, Branches *springs)
 {
     for (int i = 0; i < kBounded * kBranch; ++i) {
         head[i] = hyperbolic_tangent(head[i]);
@@ -108,6 +112,12 @@ static void springs_from_head(const aminn_model_t &model, const aminn_varied_t &
             springs[at(kBeta, g)] = gate[1] * raw(kBeta);
             springs[at(kRho, g)] = gate[2] + raw(kRho);
         }
+        if constexpr (kSliding) {
+            springs[at(kFriction, g)] = friction * exponential(raw(kFriction));
+            for (int i = 0; i < 3; ++i) {
+                springs[at(kPreload + i, g)] = gather(&preload[b][i], 3, n) + raw(kPreload + i);
+            }
+        }
     }
 }
 
@@ -153,6 +163,9 @@ constexpr Places all_places()
         places.of[kBeta] = in_gate(1);
         places.of[kRho] = in_gate(2);
     }
+    if constexpr (kSliding) {
+        places.of[kFriction] = place(offsetof(aminn_stage_debug_t, friction), 0, 1);
+    }
     return places;
 }
 static_assert(offsetof(aminn_stage_debug_t, dx0) <= UINT8_MAX * sizeof(float), "a place is a byte");
@@ -163,7 +176,7 @@ static void store_springs(const Branches *springs, aminn_stage_debug_t &out)
     static constexpr Places kPlaces = all_places();
     float *first = reinterpret_cast<float *>(&out);
     for (int output = 0; output < kEnd; ++output) {
-        if (kTwisted && output == kTwist) { // it is not shown
+        if ((kTwisted && output == kTwist) || output >= kPreload) { // not shown, or shown by what became of it
             continue;
         }
         for (int b = 0; b < kBranch; ++b) {

@@ -2,6 +2,7 @@
 #ifndef HAND_CASE_HPP
 #define HAND_CASE_HPP
 
+#include <cmath>
 #include <cstdint>
 #include <cstring>
 
@@ -11,16 +12,18 @@ namespace hand_case {
 
 constexpr int B = AMINN_N_BRANCH, C = AMINN_N_COORD, G = AMINN_N_GATED;
 constexpr int kPacked = AMINN_N_CHOLESKY, kContactWidth = 9, kWidth = 16, kClassifier = 7;
-/* networks of some hands see the factors of theta */
-constexpr int kTold = C != 3 ? AMINN_N_FACTOR : 0, kGlobal = AMINN_N_GLOBAL_INPUT + kTold;
+/* networks of some hands see the factors of theta, of some sensors, of some both */
+constexpr int kTold = C != 3 ? AMINN_N_FACTOR : 0, kSensed = AMINN_N_SLIDE > 0 ? AMINN_N_SENSED : 0;
+constexpr int kGlobal = AMINN_N_GLOBAL_INPUT + kTold + kSensed;
 constexpr int kTrunkInput = kContactWidth + kGlobal, kClassifierInput = kWidth + AMINN_N_AUX;
 constexpr int kSureInput = kWidth + AMINN_N_SURE;
 static_assert(AMINN_N_STIFF == AMINN_N_JOINT, "a stiffness for each joint");
 /* where a tendon's numbers stand in the head, in rows of B (aminn_rt.h has the order) */
 constexpr bool kSoft = AMINN_N_TWIST > 0;
 constexpr int kGainRow = C, kAlphaRow = C + 1, kTwistRow = G > 0 ? C + 2 : C, kOffRow = kTwistRow + (kSoft ? 1 : 0);
-constexpr int kDirectionRow = kOffRow + C * (C - 1) / 2, kBetaRow = kDirectionRow + C;
-constexpr int kRhoRow = kBetaRow + 1;
+constexpr bool kSlides = AMINN_N_SLIDE > 0;
+constexpr int kFrictionRow = kOffRow + C * (C - 1) / 2, kDirectionRow = kFrictionRow + (kSlides ? 1 : 0);
+constexpr int kBetaRow = kDirectionRow + C, kRhoRow = kBetaRow + 1, kPreloadRow = G > 0 ? kRhoRow + 1 : kDirectionRow;
 
 class Random {
   public:
@@ -210,6 +213,7 @@ inline void make_model(Tables &t, aminn_model_t &m)
     m.nominal.eps_m[0] = t.stage[0].eps_m;
     m.nominal.eps_m[1] = t.stage[1].eps_m;
     m.n_told = kTold;
+    m.n_sensed = kSensed;
     m.nominal.told = told_factors();
     m.theta_terms = t.theta_terms;
     m.coord_mask = t.coord_mask;
@@ -241,7 +245,14 @@ inline void make_input(uint32_t seed, aminn_input_t &in)
         float r[3];
         random.fill(r, 3, -0.05F, 0.05F);
         in.contacts[b][0] = flag;
-        random.fill(in.contacts[b] + 1, AMINN_N_CONTACT_FEATURE - 1, -0.1F, 0.5F);
+        random.fill(in.contacts[b] + 1, 3, -0.1F, 0.1F);
+        random.fill(in.contacts[b] + 4, 3, -1.0F, 1.0F);
+        const float *normal = in.contacts[b] + 4;
+        const float size = std::sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
+        for (int i = 4; i < 7; ++i) {
+            in.contacts[b][i] /= size;
+        }
+        in.contacts[b][7] = random.within(0.2F, 2.0F); /* N: some contacts slide under the load */
         for (int i = 0; i < 3; ++i) {
             in.j_x[b][i][i] = 1.0F;
             in.j_x[b][i][3 + (i + 1) % 3] = r[(i + 2) % 3];

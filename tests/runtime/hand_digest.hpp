@@ -9,13 +9,27 @@ namespace hand_case {
 
 using Core = bool (*)(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out);
 
-/* A context as aminn_init() leaves it. */
+/* What sensors might tell of the contacts, some of it made up. */
+inline void tell(aminn_t &ctx, const aminn_model_t &model)
+{
+    Random random(3);
+    random.fill(ctx.sensed, AMINN_N_SENSED, -0.5F, 0.5F);
+#if AMINN_N_SLIDE
+    ctx.friction = 0.9F * model.friction_nominal;
+    random.fill(ctx.preload[0], 3 * B, -0.3F, 0.3F);
+#else
+    (void)model;
+#endif
+}
+
+/* A context as aminn_init() and sensors leave it. */
 inline void begin(aminn_t &ctx, const aminn_model_t &model, uint32_t flags)
 {
     std::memset(&ctx, 0, sizeof ctx);
     ctx.model = &model;
     ctx.flags = flags;
     ctx.varied = &model.nominal;
+    tell(ctx, model);
 }
 
 inline uint32_t digest(Core core, Tables &tables, aminn_model_t &model, aminn_t &ctx)

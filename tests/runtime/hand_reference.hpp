@@ -18,6 +18,14 @@ using Matrix6 = double[W][W];
 struct Stage {
     double k_spring[B][C][C], direction[B][C], gain[B], gate_params[B][3], gate[B], twist[B];
     double dx0[W], dx[W], dq0[B][C], k_x[W][W];
+    /* of contacts that can slide; the motion before it is cut, the stiffness before anything slides */
+    double friction[B], preload[B][3], slide[B], use[B], share[B], pressing[B], dx_uncut[W], k_held[W][W];
+    double give[B], k_engaged[B][C][C];
+};
+
+/* What sensors tell of the contacts: coefficient of friction, tangential forces before the load; and what networks see. */
+struct Told {
+    double friction, preload[B][3], sensed[AMINN_N_SENSED];
 };
 
 struct Reference {
@@ -101,9 +109,24 @@ inline void contact_compliance(const double (&k)[C][C], const float (&j_q)[3][C]
     }
 }
 
-/* K_x in SI, and the load's displacement */
+/* The same of a contact that gives along its tangents; c s, whose force the flag c then weighs. */
+inline void give_of(const aminn_model_t &model, int which, const aminn_input_t &in, int b, const double (&k)[C][C],
+                    double slide, double (&m)[3][3], double (&k_inv_bt)[C][3])
+{
+    const double flag = static_cast<double>(in.contacts[b][0]);
+    contact_compliance(k, in.j_q[b], static_cast<double>(model.nominal.eps_m[which][b]), m, k_inv_bt);
+    for (int i = 0; i < 3; ++i) {
+        for (int j = 0; j < 3; ++j) {
+            const double square =
+                static_cast<double>(in.contacts[b][4 + i]) * static_cast<double>(in.contacts[b][4 + j]);
+            m[i][j] += flag * slide * ((i == j ? 1.0 : 0.0) - square);
+        }
+    }
+}
+
+/* K_x in SI, and the load's displacement; contacts give along their tangents by `slide` */
 inline void statics(const aminn_model_t &model, int which, const aminn_input_t &in, const double (&k)[B][C][C],
-                    const double (&twist)[B], Matrix6 &k_x, Vector6 &dx)
+                    const double (&twist)[B], const double (&slide)[B], Matrix6 &k_x, Vector6 &dx)
 {
     for (int i = 0; i < W; ++i) {
         for (int j = 0; j < W; ++j) {
@@ -112,7 +135,7 @@ inline void statics(const aminn_model_t &model, int which, const aminn_input_t &
     }
     for (int b = 0; b < B; ++b) {
         double m[3][3], unused[C][3];
-        contact_compliance(k[b], in.j_q[b], static_cast<double>(model.nominal.eps_m[which][b]), m, unused);
+        give_of(model, which, in, b, k[b], slide[b], m, unused);
         for (int j = 0; j < W; ++j) {
             double column[3], x[3];
             for (int r = 0; r < 3; ++r) {
@@ -180,7 +203,8 @@ inline void deflection(const aminn_model_t &model, int which, const aminn_input_
 }
 
 /* springs, tendons and gates from the head's numbers, which stand in rows of B */
-inline void head_to_springs(const aminn_model_t &model, const double *head, Stage &stage)
+inline void head_to_springs(const aminn_model_t &model, const aminn_input_t &in, const Told &told, const double *head,
+                            Stage &stage)
 {
     const double range = static_cast<double>(model.log_range);
     for (int b = 0; b < B; ++b) {
@@ -208,6 +232,20 @@ inline void head_to_springs(const aminn_model_t &model, const double *head, Stag
         stage.twist[b] =
             kSoft ? static_cast<double>(model.nominal.twist[b]) * std::exp(2.0 * range * std::tanh(raw(kTwistRow)))
                   : 0.0;
+        if (kSlides) {
+            const double flag = static_cast<double>(in.contacts[b][0]);
+            const float *normal = in.contacts[b] + 4;
+            double along = 0.0;
+            for (int i = 0; i < 3; ++i) {
+                along += static_cast<double>(normal[i]) * (told.preload[b][i] + raw(kPreloadRow + i));
+            }
+            for (int i = 0; i < 3; ++i) {
+                const double across =
+                    told.preload[b][i] + raw(kPreloadRow + i) - along * static_cast<double>(normal[i]);
+                stage.preload[b][i] = flag * across;
+            }
+            stage.friction[b] = told.friction * std::exp(std::tanh(raw(kFrictionRow)));
+        }
         if (G == 0) {
             continue;
         }
@@ -229,9 +267,146 @@ inline void head_to_springs(const aminn_model_t &model, const double *head, Stag
     }
 }
 
+/* Two unit vectors across a normal, and this; of one of length 0 any. */
+inline void tangents(const float *normal, double (&t)[3][3])
+{
+    int least = 0;
+    double square = 0.0;
+    for (int i = 0; i < 3; ++i) {
+        t[2][i] = static_cast<double>(normal[i]);
+        square += t[2][i] * t[2][i];
+        least = std::fabs(t[2][i]) < std::fabs(t[2][least]) ? i : least;
+    }
+    const double size = square > 0.0 ? std::sqrt(square) : 1.0;
+    double across = 0.0;
+    for (int i = 0; i < 3; ++i) {
+        t[0][i] = (i == least ? 1.0 : 0.0) - t[2][i] * t[2][least] / (size * size);
+        across += t[0][i] * t[0][i];
+    }
+    for (double &number : t[0]) {
+        number /= std::sqrt(across);
+    }
+    for (int i = 0; i < 3; ++i) {
+        t[1][i] = (t[2][(i + 1) % 3] * t[0][(i + 2) % 3] - t[2][(i + 2) % 3] * t[0][(i + 1) % 3]) / size;
+    }
+}
+
+/* The forces on the fingertips, along two tangents and the normal of each, that a motion of the tool causes. */
+inline void forces_of(const aminn_model_t &model, int which, const aminn_input_t &in, const double (&k)[B][C][C],
+                      const double (&slide)[B], const Vector6 &dx, double (&force)[B][3])
+{
+    for (int b = 0; b < B; ++b) {
+        double m[3][3], unused[C][3], t[3][3], motion[3] = {}, f[3];
+        give_of(model, which, in, b, k[b], slide[b], m, unused);
+        for (int r = 0; r < 3; ++r) {
+            for (int j = 0; j < W; ++j) {
+                motion[r] += static_cast<double>(in.j_x[b][r][j]) * dx[j];
+            }
+        }
+        solve<3>(m, motion, f);
+        tangents(in.contacts[b] + 4, t);
+        for (int d = 0; d < 3; ++d) {
+            force[b][d] = 0.0;
+            for (int r = 0; r < 3; ++r) {
+                force[b][d] += static_cast<double>(in.contacts[b][0]) * t[d][r] * f[r];
+            }
+        }
+    }
+}
+
+/* What a contact gives where it alone slides: a unit force along each of its tangents, which the tool follows. */
+inline double give_alone(const aminn_model_t &model, int which, const aminn_input_t &in, const double (&k)[B][C][C],
+                         const Matrix6 &k_x, int b)
+{
+    const double none[B] = {};
+    double m[3][3], unused[C][3], t[3][3], trace = 0.0;
+    give_of(model, which, in, b, k[b], none[b], m, unused);
+    tangents(in.contacts[b] + 4, t);
+    for (int d = 0; d < 2;
+         ++d) { /* a slide by 1 m: the force that it takes, less what the tool's motion takes off it */
+        double force[3], wrench[W] = {}, moved[W], at_contact[3] = {}, less[3];
+        solve<3>(m, t[d], force);
+        for (int j = 0; j < W; ++j) {
+            for (int r = 0; r < 3; ++r) {
+                wrench[j] += static_cast<double>(in.contacts[b][0]) * static_cast<double>(in.j_x[b][r][j]) * force[r];
+            }
+        }
+        solve<W>(k_x, wrench, moved);
+        for (int r = 0; r < 3; ++r) {
+            for (int j = 0; j < W; ++j) {
+                at_contact[r] += static_cast<double>(in.j_x[b][r][j]) * moved[j];
+            }
+        }
+        solve<3>(m, at_contact, less);
+        for (int r = 0; r < 3; ++r) {
+            trace += static_cast<double>(in.contacts[b][0]) * t[d][r] * (force[r] - less[r]);
+        }
+    }
+    return 2.0 / std::fmax(trace, 1.0);
+}
+
+inline void cut(const aminn_model_t &model, Vector6 &dx)
+{
+    double size[2] = {};
+    for (int i = 0; i < W; ++i) {
+        size[i / 3] += dx[i] * dx[i];
+    }
+    const double share = std::fmin(1.0, std::fmin(static_cast<double>(model.max_translation) / std::sqrt(size[0]),
+                                                  static_cast<double>(model.max_rotation) / std::sqrt(size[1])));
+    for (double &number : dx) {
+        number *= share;
+    }
+}
+
+/* Secant friction, each step solved anew. */
+inline void slide_contacts(const aminn_model_t &model, int which, const aminn_input_t &in, const double (&k)[B][C][C],
+                           Stage &stage)
+{
+    double *give = stage.give, force[B][3];
+    std::memcpy(stage.k_engaged, k, sizeof k);
+    for (int b = 0; b < B; ++b) {
+        stage.slide[b] = 0.0;
+        give[b] = give_alone(model, which, in, k, stage.k_held, b);
+    }
+    for (int step = 0; step < 2; ++step) {
+        forces_of(model, which, in, k, stage.slide, stage.dx, force);
+        for (int b = 0; b < B; ++b) {
+            double t[3][3], along = 0.0, square = 0.0, before = 0.0, borne = 0.0;
+            tangents(in.contacts[b] + 4, t);
+            for (int d = 0; d < 2; ++d) {
+                double preload = 0.0;
+                for (int i = 0; i < 3; ++i) {
+                    preload += t[d][i] * stage.preload[b][i];
+                }
+                along += preload * force[b][d];
+                square += force[b][d] * force[b][d];
+                before += preload * preload;
+                borne += (preload - force[b][d]) * (preload - force[b][d]);
+            }
+            const double flag = static_cast<double>(in.contacts[b][0]);
+            const double pressing =
+                std::fmax((flag > 0.0 ? static_cast<double>(in.contacts[b][7]) : 0.0) - force[b][2], 0.01);
+            const double limit = std::pow(stage.friction[b] * pressing, 2);
+            const double reserve = std::fmax(limit - before, 0.01 * limit);
+            const double over = (std::sqrt(along * along + square * reserve) - along) / reserve;
+            if (step == 0) {
+                stage.use[b] = std::fmin(flag * std::sqrt((borne + 1e-12) / limit), 100.0);
+                stage.pressing[b] = pressing;
+            }
+            const double more = (give[b] + stage.slide[b]) * over - give[b];
+            stage.slide[b] = std::fmin(std::fmax(more, 0.0), 5e-3);
+            stage.share[b] = stage.slide[b] / give[b];
+        }
+        statics(model, which, in, k, stage.twist, stage.slide, stage.k_x, stage.dx);
+    }
+    std::memcpy(stage.dx_uncut, stage.dx, sizeof stage.dx);
+    cut(model, stage.dx);
+}
+
 inline void two_pass(const aminn_model_t &model, int which, const aminn_input_t &in, Stage &stage)
 {
-    statics(model, which, in, stage.k_spring, stage.twist, stage.k_x, stage.dx0);
+    const double none[B] = {};
+    statics(model, which, in, stage.k_spring, stage.twist, none, stage.k_x, stage.dx0);
     double k[B][C][C];
     std::memcpy(k, stage.k_spring, sizeof k);
     for (int b = 0; b < B; ++b) {
@@ -251,7 +426,12 @@ inline void two_pass(const aminn_model_t &model, int which, const aminn_input_t 
             }
         }
     }
-    statics(model, which, in, k, stage.twist, stage.k_x, stage.dx);
+    statics(model, which, in, k, stage.twist, none, stage.k_x, stage.dx);
+    std::memcpy(stage.k_held, stage.k_x, sizeof stage.k_x);
+    std::memcpy(stage.dx_uncut, stage.dx, sizeof stage.dx);
+    if (kSlides) {
+        slide_contacts(model, which, in, k, stage);
+    }
 }
 
 inline double log_by_size(double w, double scale)
@@ -259,7 +439,7 @@ inline double log_by_size(double w, double scale)
     return std::copysign(std::log1p(std::fabs(w) / scale), w);
 }
 
-inline void run_stage(const aminn_model_t &model, int i, const aminn_input_t &in, Stage &stage,
+inline void run_stage(const aminn_model_t &model, int i, const aminn_input_t &in, const Told &told, Stage &stage,
                       double (&feature)[kClassifierInput])
 {
     const aminn_stage_model_t &s = model.stage[i];
@@ -284,14 +464,22 @@ inline void run_stage(const aminn_model_t &model, int i, const aminn_input_t &in
         trunk[kContactWidth + kFirst + k] = normal(w, s.global_mean, s.global_inv_std, kFirst + k);
     }
     for (int k = AMINN_N_GLOBAL_INPUT; k < kGlobal; ++k) {
-        const double factor = static_cast<double>(told_factors()[k - AMINN_N_GLOBAL_INPUT]);
-        trunk[kContactWidth + k] = normal(factor, s.global_mean, s.global_inv_std, k);
+        const int at = k - AMINN_N_GLOBAL_INPUT;
+        const double number = at < kTold ? static_cast<double>(told_factors()[at]) : told.sensed[at - kTold];
+        trunk[kContactWidth + k] = normal(number, s.global_mean, s.global_inv_std, k);
     }
     dense(s.trunk1_w, s.trunk1_b, trunk, kTrunkInput, kWidth, true, hidden);
     dense(s.trunk2_w, s.trunk2_b, hidden, kWidth, kWidth, true, feature);
     dense(s.head_w, s.head_b, feature, kWidth, AMINN_N_HEAD_STORED, false, head);
-    head_to_springs(model, head, stage);
+    head_to_springs(model, in, told, head, stage);
     two_pass(model, i, in, stage);
+}
+
+/* What networks see of a contact's friction. */
+inline double of_friction(const Stage &stage, int i)
+{
+    const double *numbers[] = {stage.use, stage.share, stage.pressing};
+    return std::log1p(numbers[i / B][i % B]);
 }
 
 /* What stage 1's classifier makes of the trunk's output, which stands first in `feature`, and of the statics. */
@@ -300,16 +488,19 @@ inline double classify(const aminn_model_t &model, const Stage &stage, double (&
     const double length = static_cast<double>(model.length_scale);
     double aux[AMINN_N_AUX] = {}, x[W], square = 0.0, hidden[kClassifier], logit = 0.0;
     for (int i = 0; i < W; ++i) {
-        x[i] = stage.dx[i] * (i < 3 ? 1.0 : length);
+        x[i] = stage.dx_uncut[i] * (i < 3 ? 1.0 : length);
         square += x[i] * x[i];
     }
     const double size = std::sqrt(square), fade = std::fmin(length / size, 1.0);
     for (int i = 0; i < W; ++i) {
         aux[i] = x[i] * std::log1p(size / static_cast<double>(model.displacement_log_scale)) / size;
-        aux[W + i] = std::log(stage.k_x[i][i] / (i < 3 ? 1.0 : length * length));
+        aux[W + i] = std::log(stage.k_held[i][i] / (i < 3 ? 1.0 : length * length));
     }
     for (int b = 0; b < B && G > 0; ++b) {
         aux[(2 * W + b) % AMINN_N_AUX] = stage.gate[b];
+    }
+    for (int i = 0; i < AMINN_N_SLID; ++i) {
+        aux[(AMINN_N_AUX - AMINN_N_SLID + i) % AMINN_N_AUX] = of_friction(stage, i);
     }
     for (int i = 0; i < AMINN_N_AUX; ++i) {
         feature[kWidth + i] = normal(aux[i], model.aux_mean, model.aux_inv_std, i) * (i < W ? 1.0 : fade);
@@ -325,7 +516,7 @@ inline void doubt(const aminn_model_t &model, const Stage &stage, const double (
 {
     double feature[kSureInput], square = 0.0, found[2];
     for (int i = 0; i < W; ++i) {
-        const double x = stage.dx[i] * (i < 3 ? 1.0 : static_cast<double>(model.length_scale));
+        const double x = stage.dx_uncut[i] * (i < 3 ? 1.0 : static_cast<double>(model.length_scale));
         square += x * x;
     }
     for (int i = 0; i < kWidth; ++i) {
@@ -333,6 +524,9 @@ inline void doubt(const aminn_model_t &model, const Stage &stage, const double (
     }
     const double seen = std::log1p(std::sqrt(square) / static_cast<double>(model.displacement_log_scale));
     feature[kWidth] = normal(seen, model.sure_mean, model.sure_inv_std, 0);
+    for (int i = 0; i < AMINN_N_SLID; ++i) {
+        feature[kWidth + 1 + i] = normal(of_friction(stage, i), model.sure_mean, model.sure_inv_std, 1 + i);
+    }
     dense(model.sure_w, model.sure_b, feature, kSureInput, 2, false, found);
     reference.p_slide = 1.0 / (1.0 + std::exp(-found[0]));
     int bin = 0;
@@ -342,15 +536,31 @@ inline void doubt(const aminn_model_t &model, const Stage &stage, const double (
     reference.bound_95 = std::exp(found[1]) * static_cast<double>(model.bound_factor[bin]);
 }
 
-inline Reference predict(const aminn_model_t &model, const aminn_input_t &in)
+inline Reference predict(const aminn_model_t &model, const aminn_input_t &in, const Told &told)
 {
     Reference reference = {};
     double feature[kClassifierInput];
-    run_stage(model, 0, in, reference.stage[0], feature);
+    run_stage(model, 0, in, told, reference.stage[0], feature);
     reference.p_stable = classify(model, reference.stage[0], feature);
-    run_stage(model, 1, in, reference.stage[1], feature);
+    run_stage(model, 1, in, told, reference.stage[1], feature);
     doubt(model, reference.stage[1], feature, reference);
     return reference;
+}
+
+/* What a context was told, as it stands there. */
+inline Told told_of(const aminn_t &ctx)
+{
+    Told told = {};
+    for (int i = 0; i < AMINN_N_SENSED; ++i) {
+        told.sensed[i] = static_cast<double>(ctx.sensed[i]);
+    }
+#if AMINN_N_SLIDE
+    told.friction = static_cast<double>(ctx.friction);
+    for (int i = 0; i < 3 * B; ++i) {
+        told.preload[i / 3][i % 3] = static_cast<double>(ctx.preload[i / 3][i % 3]);
+    }
+#endif
+    return told;
 }
 
 } // namespace hand_reference
