@@ -548,7 +548,9 @@ typedef struct aminn_context {
     aminn_status_t (*correct)(const aminn_calibration_t *, aminn_state_t *); /* null without a calibration */
     aminn_stage_debug_t stage[AMINN_N_STAGE];
     aminn_input_t input;            /* of aminn_predict_state: the state and its closure */
-    float sensed[AMINN_N_SENSED]; /* what networks see of the sensors */
+    const aminn_sensors_t *sensors; /* null: nothing is known but the state */
+    aminn_status_t (*sense)(struct aminn_context *, const aminn_input_t *); /* null likewise */
+    float sensed[AMINN_N_SENSED];                                           /* what networks see of the sensors */
 #if AMINN_N_SLIDE
     float friction; /* coefficient that the layer starts from */
     float preload[AMINN_N_BRANCH]
@@ -637,6 +639,24 @@ aminn_status_t aminn_predict(aminn_t *ctx, const aminn_input_t *in, aminn_output
  * Arguments, returned values and outputs after an error as for aminn_predict().
  */
 aminn_status_t aminn_predict_state(aminn_t *ctx, const aminn_state_t *state, aminn_output_t *out);
+
+/*
+ * Tell the model what sensors know beside the state.
+ *
+ *   ctx      initialised context of a model that sees sensors (n_sensed is not 0).
+ *   sensors  kept by reference, read and checked at each prediction from then on: must outlive its use, and may change between
+ *            predictions. Null: nothing is known, as after aminn_init().
+ *
+ * What is not known (flag 0) is told so, which is not the same as zeros that are. Friction moves the coefficient that contacts
+ * of a layer that slides start from, as far as its deviation allows; of the tool's weight follows what they carry before the
+ * load. In a model that no contact slides in, its networks alone see the sensors.
+ *
+ * Returns AMINN_OK; AMINN_E_NULL; AMINN_E_NOT_INITIALISED; AMINN_E_SENSORS where the model sees none, after which ctx is as
+ * before. A prediction returns AMINN_E_SENSORS where a number is not finite, known or not, a flag is neither 0 nor 1, a known
+ * coefficient of friction is not above 0, or its standard deviation is negative; a bad state comes first. About a thirtieth of a
+ * prediction more where the weight is known, and nothing of it is linked unless called.
+ */
+aminn_status_t aminn_sense(aminn_t *ctx, const aminn_sensors_t *sensors);
 
 /*
  * Fill in a calibration: what follows from theta for a model.

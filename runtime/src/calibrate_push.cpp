@@ -571,6 +571,10 @@ aminn_status_t aminn_calibrate_push(aminn_t *ctx, aminn_calibrator_t *calibrator
     if (!closure(*ctx->model, in.q, in.x_ht, in.contacts, in.j_x, in.j_q)) {
         return AMINN_E_NUMERIC;
     }
+    status = sense(*ctx, in);
+    if (status != AMINN_OK) {
+        return status;
+    }
     Push push;
     for (int i = 0; i < kMotion; ++i) {
         push.measured[i] = i < 3 ? dx_ht[i] : dx_ht[i] * ctx->model->length_scale;

@@ -22,6 +22,12 @@ aminn_status_t context_status(const aminn_t *ctx);
 // predict.cpp: nothing is known beside the state
 void forget_sensors(aminn_t &ctx);
 
+// what the context's sensors, if it has some, say of this input; AMINN_OK, or what is wrong with them
+inline aminn_status_t sense(aminn_t &ctx, const aminn_input_t &in)
+{
+    return ctx.sense != nullptr ? ctx.sense(&ctx, &in) : AMINN_OK;
+}
+
 // cascade.cpp, compiled for each instruction set
 #define AMINN_CORE_FUNCTIONS                                                                                \
     /* a prediction from a checked input; false if a stage's results are not sound */                       \

@@ -32,6 +32,10 @@ AMINN_FUNCTION aminn_status_t fail(aminn_status_t status, aminn_output_t *out)
 
 aminn_status_t predict_checked(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out)
 {
+    const aminn_status_t status = sense(ctx, in);
+    if (status != AMINN_OK) {
+        return fail(status, &out);
+    }
     clear(out);
     if (!AMINN_ON_BEST_CORE(run_cascade(ctx, in, out))) {
         ctx.stages_done = 0;

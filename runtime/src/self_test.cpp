@@ -38,15 +38,18 @@ bool answers_as_known(aminn_t &ctx)
     const uint32_t flags = ctx.flags;
     const aminn_varied_t *const varied = ctx.varied;
     auto *const correct = ctx.correct;
+    auto *const sense = ctx.sense;
     aminn_output_t out;
     ctx.varied = &ctx.model->nominal;
     ctx.correct = nullptr;
+    ctx.sense = nullptr;
     forget_sensors(ctx);
     ctx.flags = AMINN_FLAG_ALWAYS_STAGE2 | AMINN_FLAG_DEBUG;
     auto other = static_cast<uint32_t>(aminn_predict_state(&ctx, &known.state, &out));
     ctx.flags = flags;
     ctx.varied = varied;
     ctx.correct = correct;
+    ctx.sense = sense;
     ctx.stages_done = 0;
     other |= crc32(0, ctx.stage, sizeof ctx.stage / kWord, kWord) ^ ctx.model->stages_crc;
     const void *got = &out; // bits, not numbers

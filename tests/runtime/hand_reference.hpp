@@ -563,6 +563,66 @@ inline Told told_of(const aminn_t &ctx)
     return told;
 }
 
+/* What sensors tell of an input, by the formulas of docs/mechanics.md. */
+inline Told told_by(const aminn_model_t &model, const aminn_input_t &in, const aminn_sensors_t &sensors)
+{
+    Told told = {};
+    const double nominal = static_cast<double>(model.friction_nominal);
+    if (sensors.friction[0] != 0.0F) {
+        const double mu = static_cast<double>(sensors.friction[1]);
+        told.sensed[0] = 1.0 / (1.0 + std::pow(static_cast<double>(sensors.friction[2]) / (0.3 * mu), 2));
+        told.sensed[1] = told.sensed[0] * std::log(mu / nominal);
+    }
+    told.friction = nominal * std::exp(told.sensed[1]);
+    const auto *numbers = reinterpret_cast<const float *>(&sensors);
+    for (int i = 3; i < AMINN_N_SENSOR; ++i) {
+        const float known = numbers[i < 7 ? 3 : 7];
+        told.sensed[i - 1] = known != 0.0F ? static_cast<double>(numbers[i]) : 0.0;
+    }
+    if (sensors.tool_weight[0] == 0.0F) {
+        return told;
+    }
+    const double length = static_cast<double>(model.length_scale);
+    double g[W][W] = {}, rest[W] = {}, y[W], across[B][3][W];
+    for (int i = 0; i < W; ++i) {
+        g[i][i] = std::pow((i < 3 ? 0.3 : 0.008 / length) / 0.7, 2);
+        rest[i] = i < 3 ? -static_cast<double>(sensors.tool_weight[1 + i]) : 0.0;
+    }
+    for (int b = 0; b < B; ++b) {
+        const double c = static_cast<double>(in.contacts[b][0]);
+        double a[3][W], n[3];
+        for (int r = 0; r < 3; ++r) {
+            n[r] = static_cast<double>(in.contacts[b][4 + r]);
+            for (int j = 0; j < W; ++j) {
+                a[r][j] = static_cast<double>(in.j_x[b][r][j]) / (j < 3 ? 1.0 : length);
+            }
+        }
+        for (int j = 0; j < W; ++j) {
+            const double along = n[0] * a[0][j] + n[1] * a[1][j] + n[2] * a[2][j];
+            rest[j] -= c * static_cast<double>(in.contacts[b][7]) * along;
+            for (int r = 0; r < 3; ++r) {
+                across[b][r][j] = a[r][j] - n[r] * along;
+            }
+        }
+        for (int i = 0; i < W; ++i) {
+            for (int j = 0; j < W; ++j) {
+                for (int r = 0; r < 3; ++r) {
+                    g[i][j] += c * across[b][r][i] * across[b][r][j];
+                }
+            }
+        }
+    }
+    solve<W>(g, rest, y);
+    for (int b = 0; b < B; ++b) {
+        for (int r = 0; r < 3; ++r) {
+            for (int j = 0; j < W; ++j) {
+                told.preload[b][r] += static_cast<double>(in.contacts[b][0]) * across[b][r][j] * y[j];
+            }
+        }
+    }
+    return told;
+}
+
 } // namespace hand_reference
 
 #endif

@@ -9,6 +9,7 @@
 
 #include "blob_writer.hpp"
 #include "hand_case.hpp"
+#include "hand_reference.hpp"
 #include "unity.h"
 
 using blob_writer::blob_of;
@@ -225,6 +226,55 @@ static void numbers_out_of_range_have_names()
     TEST_ASSERT_EQUAL_STRING("none", aminn_field_name(AMINN_N_STATE));
 }
 
+/* Each number of `got` within `tolerance`, as a share of `size` at least */
+static void assert_near(double tolerance, double size, const double *want, const float *got, int n)
+{
+    for (int i = 0; i < n; ++i) {
+        TEST_ASSERT_DOUBLE_WITHIN(tolerance * std::fmax(size, std::fabs(want[i])), want[i],
+                                  static_cast<double>(got[i]));
+    }
+}
+
+/* friction and weight, known or not, any number of contacts: as the formulas have it, and what is not known has no influence */
+static void sensors_tell_networks_and_layer()
+{
+    Random random(5);
+    for (uint32_t seed = 0; seed < 24; ++seed) {
+        aminn_sensors_t sensors = {};
+        aminn_output_t out;
+        random.fill(&sensors.friction[0], AMINN_N_SENSOR, -2.0F, 2.0F);
+        sensors.friction[0] = seed % 2 == 0 ? 1.0F : 0.0F;
+        sensors.friction[1] = random.within(0.3F, 1.2F);
+        sensors.friction[2] = seed % 4 == 0 ? 0.0F : random.within(0.0F, 0.4F);
+        sensors.tool_weight[0] = seed % 3 < 2 ? 1.0F : 0.0F;
+#if AMINN_N_TENDON > 0
+        sensors.tendon_tension[0] = seed % 5 < 2 ? 1.0F : 0.0F;
+#endif
+        make_input(seed, in);
+        TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &model, AMINN_FLAG_ALWAYS_STAGE2));
+        if (kSensed == 0) {
+            TEST_ASSERT_EQUAL_INT(AMINN_E_SENSORS, aminn_sense(&ctx, &sensors));
+            continue;
+        }
+        TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_sense(&ctx, &sensors));
+        TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict(&ctx, &in, &out));
+        const hand_reference::Told told = hand_reference::told_by(model, in, sensors);
+        const hand_reference::Told got = hand_reference::told_of(ctx);
+        for (int i = 0; i < AMINN_N_SENSED; ++i) {
+            TEST_ASSERT_DOUBLE_WITHIN(1e-6, told.sensed[i], got.sensed[i]);
+        }
+        if (kSlides) {
+            TEST_ASSERT_DOUBLE_WITHIN(1e-6, told.friction, got.friction);
+            for (int i = 0; i < 3 * B; ++i) {
+                TEST_ASSERT_DOUBLE_WITHIN(1e-5, told.preload[i / 3][i % 3], got.preload[i / 3][i % 3]);
+            }
+        }
+        const hand_reference::Reference want = hand_reference::predict(model, in, told);
+        TEST_ASSERT_DOUBLE_WITHIN(2e-4, want.p_stable, static_cast<double>(out.p_stable));
+        assert_near(5e-3, 0.1, want.stage[0].use, out.friction_use, B);
+    }
+}
+
 /* a state with all branches in contact */
 static aminn_state_t made_up_state(uint32_t seed)
 {
@@ -297,6 +347,7 @@ int main(void)
     RUN_TEST(the_closure_is_the_motion_of_the_contacts);
     RUN_TEST(a_state_is_predicted_from_as_with_its_closure);
     RUN_TEST(numbers_out_of_range_have_names);
+    RUN_TEST(sensors_tell_networks_and_layer);
     RUN_TEST(pushes_teach_the_hand);
     return UNITY_END();
 }
