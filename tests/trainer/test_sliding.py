@@ -16,7 +16,6 @@ from aminn.model.sliding import (
     FORCE_N,
     LEAST_PRESSURE_N,
     LEAST_RESERVE,
-    LEAST_STIFFNESS,
     MOMENT_NM,
     MOST_COMPLIANCE,
     PRELOAD_N,
@@ -48,7 +47,7 @@ def scaled_to(x: dict[str, Tensor], newtons: float) -> dict[str, Tensor]:
 def by_definition(
     r: Response, springs: Array, x: dict[str, Tensor], extras: Extras, length_m: float
 ) -> tuple[Array, Array, Array]:
-    """(s (N, B), motion (N, 6), K_x (N, 6, 6)) in NumPy, one solve a step, E by differences."""
+    """(s (N, B), motion (N, 6), K_x (N, 6, 6)) in NumPy, one solve a step."""
     k_q = springs + r.k_tendon.numpy()
     b, a = -x["j_q"].numpy(), x["j_x"].numpy()
     normal, c = x["contacts"][..., 4:7].numpy(), x["contacts"][..., 0].numpy()
@@ -56,20 +55,19 @@ def by_definition(
     across = np.eye(3) - normal[..., :, None] * normal[..., None, :]
     softness = b @ np.linalg.solve(k_q, np.swapaxes(b, -1, -2)) + float(EPS_M) * np.eye(3)
 
-    def solve(s: Array) -> tuple[Array, Array, Array, Array]:
+    def solve(s: Array) -> tuple[Array, Array, Array]:
         tip = c[..., None, None] * np.linalg.inv(softness + (c * s)[..., None, None] * across)
         k = (np.swapaxes(a, -1, -2) @ tip @ a).sum(1) + CONFIG.eps_kx * np.eye(6)
         dx = np.linalg.solve(k * scale[:, None] * scale, (x["w_e"].numpy() * scale)[..., None])[..., 0] * scale
-        return dx, (tip @ a @ dx[:, None, :, None])[..., 0], k, tip
+        return dx, (tip @ a @ dx[:, None, :, None])[..., 0], k
 
     assert extras.friction is not None and extras.preload is not None and extras.normal_force is not None
     mu, force = extras.friction.numpy(), extras.normal_force.numpy()
     preload = c[..., None] * (across @ extras.preload.numpy()[..., None])[..., 0]
     s = np.zeros_like(mu)
-    dx, f, k, tip = solve(s)
-    reduced = tip - tip @ a @ np.linalg.inv(k)[:, None] @ np.swapaxes(a, -1, -2) @ tip
-    trace = np.trace(across @ reduced @ across, axis1=-2, axis2=-1)
-    give = 2 / np.maximum(trace, LEAST_STIFFNESS)
+    dx, f, k = solve(s)
+    alone = b @ np.linalg.solve(springs, np.swapaxes(b, -1, -2)) + float(EPS_M) * np.eye(3)
+    give = np.trace(across @ alone @ across, axis1=-2, axis2=-1) / 2
     for _ in range(SLIDE_STEPS):
         along = (f * normal).sum(-1)
         t, limit = f - along[..., None] * normal, mu * np.maximum(force - along, LEAST_PRESSURE_N)
@@ -78,7 +76,7 @@ def by_definition(
         aligned = (preload * t).sum(-1)
         over = (np.sqrt(aligned**2 + (t * t).sum(-1) * reserve) - aligned) / reserve
         s = np.clip((give + s) * over - give, 0, MOST_COMPLIANCE)
-        dx, f, k, _ = solve(s)
+        dx, f, k = solve(s)
     return s, dx, k
 
 
@@ -198,6 +196,6 @@ def test_no_tangential_force_is_no_slide() -> None:
     k = torch.einsum("iabn,icbn->acn", a, 1000 * a) + torch.eye(6, dtype=torch.float64)[..., None]
     mu = torch.full((3, n), 0.5, dtype=torch.float64, requires_grad=True)
     ones = torch.ones(3, n, dtype=torch.float64)
-    found = slide(Grip(mu, 0 * normal, normal, ones), 0.5 * normal, tip, a, ones, k)
+    found = slide(Grip(mu, 0 * normal, normal, ones), 0.5 * normal, tip, tip, a, ones, k)
     sum(v.sum() for v in found).backward()
     assert (found.compliance == 0).all() and torch.isfinite(mu.grad).all()

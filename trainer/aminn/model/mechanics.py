@@ -206,7 +206,8 @@ def two_pass(
         twist, normal = as_last(dtype, extras.twist, extras.normal)
         floor = floor + _twist_stiffness(twist, normal, c, constants.length_m)
     rest = (w, c, a * s[:, None, None], -minus_b.transpose(0, 1), floor)
-    k, x, dq, force, tip = _Statics.apply(k_spring, softness, *rest)
+    k, x, dq, force, soft_tip = _Statics.apply(k_spring, softness, *rest)
+    tip = soft_tip
     dx0 = x * s[:, None]  # (6, N)
     if config.dq0 == "statics":
         dq0 = dq * mask  # the contact flag is in the force already
@@ -231,7 +232,7 @@ def two_pass(
         )
         across = torch.eye(AXES, dtype=dtype)[..., None, None] - normal[:, None] * normal  # (3, 3, B, N)
         preload = c * times(across, preload)
-        slid = slide(Grip(friction, preload, normal, pressing), force, tip, rest[2], c, k)
+        slid = slide(Grip(friction, preload, normal, pressing), force, tip, soft_tip, rest[2], c, k)
         k, x, *_ = _Statics.apply(k_spring + k_tendon, softness + c * slid.compliance * across, *rest)
     k_scaled, k_x = (v.movedim(-1, 0) for v in (k_stuck, k))
     dx = _cut(x * s[:, None], constants.limits)
