@@ -439,7 +439,8 @@ typedef struct aminn_output {
     /* probability that a contact slides, by more than 0.5 mm, if the grasp holds, 0 .. 1 */
     float p_slide;
 
-    /* what the error of dx_ht does not exceed in 95 of 100: sqrt(|translation error|^2 + (length_scale rotation error)^2), m */
+    /* what the error of dx_ht does not exceed in 95 of 100: sqrt((|translation error| / length_scale)^2 + angle^2), angle the
+     * rotation error in rad */
     float bound_95;
 
     /* share of its friction that each contact uses under the load if none slides, 0 .. 100; 0 out of contact, and where

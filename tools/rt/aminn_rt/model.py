@@ -54,7 +54,7 @@ class Prediction:
     p_slide: Floats
     """(N) probability that a contact slides, if the grasp holds."""
     bound_95: Floats
-    """(N) m, which the error of dx_ht (rotations times the hand's length) exceeds in 5 of 100."""
+    """(N) what the error of dx_ht (translation over the hand's length, rotation in rad) exceeds in 5 of 100."""
     friction_use: Floats
     """(N, B) share of its friction that each contact uses; 0 out of contact, and where contacts cannot slide."""
     condition: Floats

@@ -60,7 +60,7 @@ class Outputs:
     p_slide: NDArray[np.floating]
     """(N) that a contact slides, if the grasp holds; NaN of a model that does not say."""
     bound_95: NDArray[np.floating]
-    """(N) m, which the pose error exceeds in 5 of 100; likewise."""
+    """(N) what the pose error exceeds in 5 of 100; likewise."""
     friction_use: NDArray[np.floating]
     """(N, B) share of its friction that each contact uses; 0 where contacts cannot slide, NaN of a model without."""
     condition: NDArray[np.floating]

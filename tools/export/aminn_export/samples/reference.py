@@ -169,7 +169,7 @@ class Reference:
         return (hidden @ t["s1.cls2_w"].T + t["s1.cls2_b"])[:, 0]
 
     def sure(self, f: Array, response: dict[str, Array]) -> dict[str, Array]:
-        """p_slide (N) and bound_95 (N), m, of stage 2."""
+        """p_slide (N) and bound_95 (N) of stage 2."""
         t = self.t
         size = np.linalg.norm(response["dx"] / self.s, axis=-1, keepdims=True)
         seen = np.log(1 + size / float(self.meta["displacement_log_scale"]))
