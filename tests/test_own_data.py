@@ -37,6 +37,7 @@ def test_the_page_leads_from_a_table_to_a_verified_model(place: Path) -> None:
         assert done.returncode == 0, f"{line}\n{done.stdout}{done.stderr}"
         if " import " in line:
             assert "no contact normals" in done.stdout and "180 pushes of 30 grasps" in done.stdout
+            assert "known of the pushes: friction 100%, tool_weight 0%, tendon_tension 0%" in done.stdout
         if "--split all" in line:
             assert "no measured push is known to it" in done.stdout
             errors += [float(row.split()[7]) for row in done.stdout.splitlines() if row.startswith("aminn ")]

@@ -24,6 +24,7 @@ from aminn_rt import Model
 from aminn_rt.model import model_file
 from aminn_rt.status import Status, statuses
 from aminn_table import FORMATS, write_table
+from aminn_table.columns import RESULTS
 from aminn_table.read import read_rough
 
 ENGINES = ("torch", "onnx", "runtime")
@@ -359,7 +360,7 @@ def test_one_state_as_json_and_tables_from_standard_input(
     for result in (call("--export", export_dir, state), call("--export", export_dir, "-", stdin=state)):
         assert result.exit_code == 0, result.output
         said = json.loads(result.stdout)
-        assert list(said) == ["p_stable", "holds", "pred_dx_ht", "notes", "status"]
+        assert list(said) == list(RESULTS)
         assert np.float32(said["p_stable"]) == wanted.p_stable[0] and said["holds"] is bool(wanted.holds[0])
     write_table(tmp_path / "states.csv", models["runtime"].hand, x)
     result = call("--export", export_dir, "-", stdin=(tmp_path / "states.csv").read_bytes())

@@ -13,6 +13,7 @@ from untrained import untrained_run
 
 import aminn
 from aminn.data.dataset import load_dataset
+from aminn.data.measured import write_measured
 from aminn.prediction.predictor import Predictor
 from aminn_base.errors import AminnError
 from aminn_hand.hand import STATE
@@ -112,6 +113,17 @@ def test_columns_of_a_table(end: str, models: dict[str, Predictor], x: Arrays, t
         found.write(tmp_path / f"out{end}")
         again = model.predict(tmp_path / f"out{end}")  # what the table told is written too
         np.testing.assert_array_equal(again.p_stable, wanted.p_stable)
+
+
+def test_a_measured_data_set_tells_its_sensors(
+    models: dict[str, Predictor], data_dir: Path, x: Arrays, told: Arrays, tmp_path: Path
+) -> None:
+    data = load_dataset(data_dir)
+    rows = {name: data.samples[name] for name in ("dx_ht", "grasp_id", "stable")}
+    write_measured(tmp_path / "data", data.hand, x | told | rows)
+    for model in models.values():
+        found, wanted = model.predict(tmp_path / "data"), model.predict(**x, **told)
+        near(found, wanted)
 
 
 def test_rows_whose_sensors_cannot_be_are_bad(models: dict[str, Predictor], x: Arrays, told: Arrays) -> None:

@@ -31,7 +31,7 @@ MEASURED = ("time_s", "grasp_id", "q", "x_ht", "w_e", "contacts", "dx_ht", "stab
 """Arrays that a lab gives."""
 FRICTION_CLASS = "friction_class"
 """Texts that a table may have in place of friction; `read_table` gives friction."""
-RESULTS = ("p_stable", "holds", "pred_dx_ht", "notes", "status")
+RESULTS = ("p_stable", "holds", "pred_dx_ht", "p_slide", "bound_95", "friction_use", "notes", "status")
 """Arrays that predictions add."""
 
 Place = tuple[int, ...]
@@ -334,6 +334,34 @@ GROUPS = (
         _part("pred_dx_ht", "rx ry rz", 3),
     ),
     Group(
+        "p_slide",
+        "p_slide",
+        "1",
+        "",
+        "predicted: probability that a contact slides by more than 0.5 mm, if the grasp holds",
+        "results",
+        _one("p_slide"),
+    ),
+    Group(
+        "bound_95",
+        "bound_95",
+        "1",
+        "",
+        "predicted: what the error of pred_dx_ht does not exceed in 95 of 100, translation over the hand's length and "
+        "rotation in rad together",
+        "results",
+        _one("bound_95"),
+    ),
+    Group(
+        "friction_use_BRANCH",
+        "friction_use",
+        "1",
+        "",
+        "predicted: share of its friction that the contact uses under the load; beyond 1 it slides",
+        "results",
+        lambda hand: ((f"friction_use_{branch.name}", (b,)) for b, branch in enumerate(hand.branches)),
+    ),
+    Group(
         "notes",
         "notes",
         "text",
@@ -377,6 +405,9 @@ def shapes_of(hand: Hand) -> dict[str, tuple[int, ...]]:
         "p_stable": (),
         "holds": (),
         "pred_dx_ht": (N_WRENCH,),
+        "p_slide": (),
+        "bound_95": (),
+        "friction_use": (hand.dims.branches,),
         "notes": (),
         "status": (),
     }

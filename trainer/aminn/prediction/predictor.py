@@ -97,6 +97,9 @@ class Predictions(Outputs):
             "p_stable": self.p_stable,
             "holds": self.holds.astype(np.uint8),
             "pred_dx_ht": self.dx_ht,
+            "p_slide": self.p_slide,
+            "bound_95": self.bound_95,
+            "friction_use": self.friction_use,
             "notes": self.texts,
             "status": self.status,
         }
