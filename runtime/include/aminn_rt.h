@@ -626,8 +626,9 @@ aminn_status_t aminn_self_test(aminn_t *ctx);
  *
  * Returns AMINN_OK; AMINN_E_NULL; AMINN_E_NOT_INITIALISED; for a bad input, in this order of precedence,
  * AMINN_E_NONFINITE, AMINN_E_CONTACT_FLAG, AMINN_E_NORMAL (length differs from 1 by more than 1e-3), AMINN_E_ROTATION
- * (length exceeds pi by more than 0.1 %), AMINN_E_NO_CONTACT; AMINN_E_NUMERIC if a result is not finite, or if by it
- * the load would take energy out of the grasp (w_e . dx < 0 in either stage: float32 has lost all digits).
+ * (length exceeds pi by more than 0.1 %), AMINN_E_NO_CONTACT; AMINN_E_SENSORS for a bad sensor (aminn_sense());
+ * AMINN_E_NUMERIC if a result is not finite, or if by it the load would take energy out of the grasp (w_e . dx < 0 in
+ * either stage: float32 has lost all digits).
  * After any error, if out is not null: stable 0, p_stable 0, all else NaN; aminn_debug() returns null. The context
  * stays initialised: the next call with a good input works.
  */

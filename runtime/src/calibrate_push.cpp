@@ -571,7 +571,7 @@ aminn_status_t aminn_calibrate_push(aminn_t *ctx, aminn_calibrator_t *calibrator
     if (!closure(*ctx->model, in.q, in.x_ht, in.contacts, in.j_x, in.j_q)) {
         return AMINN_E_NUMERIC;
     }
-    status = sense(*ctx, in);
+    status = take_sensors(*ctx, in);
     if (status != AMINN_OK) {
         return status;
     }

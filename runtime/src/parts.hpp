@@ -23,7 +23,7 @@ aminn_status_t context_status(const aminn_t *ctx);
 void forget_sensors(aminn_t &ctx);
 
 // what the context's sensors, if it has some, say of this input; AMINN_OK, or what is wrong with them
-inline aminn_status_t sense(aminn_t &ctx, const aminn_input_t &in)
+inline aminn_status_t take_sensors(aminn_t &ctx, const aminn_input_t &in)
 {
     return ctx.sense != nullptr ? ctx.sense(&ctx, &in) : AMINN_OK;
 }

@@ -32,7 +32,7 @@ AMINN_FUNCTION aminn_status_t fail(aminn_status_t status, aminn_output_t *out)
 
 aminn_status_t predict_checked(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out)
 {
-    const aminn_status_t status = sense(ctx, in);
+    const aminn_status_t status = take_sensors(ctx, in);
     if (status != AMINN_OK) {
         return fail(status, &out);
     }

@@ -93,7 +93,7 @@ void carry_weight(const aminn_model_t &model, const aminn_input_t &in, const flo
 #endif
 
 // What ctx->sense does.
-aminn_status_t tell(aminn_t *ctx, const aminn_input_t *in)
+aminn_status_t sense(aminn_t *ctx, const aminn_input_t *in)
 {
     const aminn_sensors_t &sensors = *ctx->sensors;
     const aminn_model_t &model = *ctx->model;
@@ -136,7 +136,7 @@ aminn_status_t aminn_sense(aminn_t *ctx, const aminn_sensors_t *sensors)
         return AMINN_E_SENSORS;
     }
     ctx->sensors = sensors;
-    ctx->sense = sensors != nullptr ? tell : nullptr;
+    ctx->sense = sensors != nullptr ? aminn::sense : nullptr;
     forget_sensors(*ctx);
     return AMINN_OK;
 }
