@@ -245,7 +245,8 @@ extern const char AMINN_LIBRARY[];
     X(AMINN_E_FAST_MATH, -22, "arithmetic is reordered or approximated: compile without -ffast-math and its parts")   \
     X(AMINN_E_KNOWN_ANSWER, -23, "the library computes other bits than it must: miscompiled, or memory is damaged")   \
     X(AMINN_E_CALIBRATION, -24, "theta is beyond its bounds, or the calibration was not set for the context's model") \
-    X(AMINN_E_SENSORS, -25, "a sensor's number is out of its range, or the model was not trained to see sensors")
+    X(AMINN_E_SENSORS, -25, "a sensor's number is out of its range, or the model was not trained to see sensors")      \
+    X(AMINN_E_LIMITS, -26, "a limit of the load is NaN, negative, or zero where it may not be")
 
 /* clang-format on */
 
@@ -537,6 +538,38 @@ typedef struct aminn_calibrator {
     float covariance[AMINN_N_FACTOR * (AMINN_N_FACTOR + 1) / 2]; /* of the logarithms: 00 10 11 20 21 22 .. */
 } aminn_calibrator_t;
 
+/* ---- Largest load ---------------------------------------------------------------------------------------------- */
+
+/* What a load has to satisfy to be admissible (aminn_admissible_load()); beside it the model must know such loads, and predict
+ * that the grasp holds. */
+typedef struct aminn_load_limits {
+    float max_translation; /* of the tool in the hand, as predicted, m, > 0; INFINITY: no bound */
+    float max_rotation;    /* likewise, rad */
+    float margin;    /* how much of bound_95 is added to both, as length and as angle; 1: as it is, 0: nothing, >= 0 */
+    float p_stable;  /* least probability that the grasp holds, 0 .. 1; what is below the model's tau asks for tau */
+    float p_slide;   /* largest probability that a contact slides, 0 .. 1; 1: no bound */
+    float max_scale; /* of the direction that is of interest, > 0; FLT_MAX: as far as the model knows loads */
+} aminn_load_limits_t;
+
+/* What keeps a load from being larger. */
+#define AMINN_LIMITED_NOT 0u            /* nothing: max_scale is admissible */
+#define AMINN_LIMITED_BY_HOLD 1u        /* p_stable */
+#define AMINN_LIMITED_BY_TRANSLATION 2u /* max_translation */
+#define AMINN_LIMITED_BY_ROTATION 3u    /* max_rotation */
+#define AMINN_LIMITED_BY_SLIDE 4u       /* p_slide */
+#define AMINN_LIMITED_BY_RANGE 5u /* larger ones lie beyond what the model was trained on, or are ill-conditioned */
+
+/* Most predictions that aminn_admissible_load() makes. */
+#define AMINN_LOAD_PREDICTIONS 13
+
+/* The largest admissible load along a direction. */
+typedef struct aminn_admissible {
+    float scale;         /* 0 .. max_scale; 0 also where not even that is admissible */
+    int32_t admissible;  /* 1: the load with `scale` is; 0: not even the one with scale 0 is */
+    uint32_t limited_by; /* AMINN_LIMITED_... */
+    aminn_output_t at;   /* what is predicted with `scale` */
+} aminn_admissible_t;
+
 /* ---- Context --------------------------------------------------------------------------------------------------- */
 
 /* Working memory of one predictor. Public only so that its size is a constant: do not read or write its members. */
@@ -735,6 +768,31 @@ aminn_status_t aminn_calibrate_push(aminn_t *ctx, aminn_calibrator_t *calibrator
 /* Standard deviation of the logarithm of factor i, 0 .. AMINN_N_FACTOR - 1, so far; one near the setting `prior` says that
  * no push told it. 0 for another i, or null. */
 float aminn_calibrator_sd(const aminn_calibrator_t *calibrator, int i);
+
+/*
+ * The largest load along a direction that the grasp is predicted to bear.
+ *
+ *   ctx        initialised context; its calibration counts. What aminn_debug() showed is gone.
+ *   state      as for aminn_predict_state(); its w_e is the part of the load that is there anyway: zero, where there is none.
+ *   direction  the load with scale is w_e + scale * direction (6: N, N.m, axes of H): a unit force, or a commanded load.
+ *   limits     what is asked of a load. max_translation is compared with the length of the predicted translation plus
+ *              margin * bound_95 * length_scale, max_rotation with the angle plus margin * bound_95.
+ *   found      written.
+ *
+ * A prediction need not be monotonic in the load. So the scale is the end of the stretch of admissible loads that begins at
+ * zero, as far as predictions at zero and at (1/8)^2, (2/8)^2 .. 1 of max_scale tell, or of the smaller scale with which the load
+ * leaves the range that the model was trained on; four halvings then narrow down where it ends. It is on average 2 % below that
+ * end, by a sixteenth of the last step at most. Every load that was looked at and is not larger is admissible.
+ *
+ * Takes at most AMINN_LOAD_PREDICTIONS predictions, nearly all of its time, and 0.6 kB of stack beside them. No prediction with
+ * a load is as certain as it says: choose p_stable and margin for the risk that you accept (docs/runtime.md has figures).
+ *
+ * Returns AMINN_OK; AMINN_E_NULL; AMINN_E_NOT_INITIALISED; AMINN_E_NONFINITE for the direction; AMINN_E_LIMITS; what
+ * aminn_predict_state() returns for the state or for one of the loads. After an error, if found is not null: scale 0, admissible
+ * 0, `at` as after an error of a prediction.
+ */
+aminn_status_t aminn_admissible_load(aminn_t *ctx, const aminn_state_t *state, const float direction[AMINN_N_WRENCH],
+                                     const aminn_load_limits_t *limits, aminn_admissible_t *found);
 
 /*
  * Closure Jacobians from joint angles, tool position and contacts.

@@ -18,6 +18,8 @@ bool closure(const aminn_model_t &model, const float *q, const float *x_ht,
 
 // predict.cpp: AMINN_OK for a context that aminn_init has prepared, else AMINN_E_NULL or AMINN_E_NOT_INITIALISED
 aminn_status_t context_status(const aminn_t *ctx);
+// predict.cpp: leaves in *out, unless it is null, what stands there after an error; returns the status
+aminn_status_t fail(aminn_status_t status, aminn_output_t *out);
 
 // predict.cpp: nothing is known beside the state
 void forget_sensors(aminn_t &ctx);

@@ -21,15 +21,6 @@ void clear(aminn_output_t &out)
     out.notes = 0;
 }
 
-AMINN_FUNCTION aminn_status_t fail(aminn_status_t status, aminn_output_t *out)
-{
-    if (out != nullptr) {
-        clear(*out);
-        out->notes = status == AMINN_E_NO_CONTACT ? AMINN_NOTE_NO_CONTACT : 0u;
-    }
-    return status;
-}
-
 aminn_status_t predict_checked(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out)
 {
     const aminn_status_t status = take_sensors(ctx, in);
@@ -61,6 +52,15 @@ AMINN_FUNCTION aminn_status_t check(aminn_t *ctx, const void *in, size_t size, c
 }
 
 } // namespace
+
+aminn_status_t fail(aminn_status_t status, aminn_output_t *out)
+{
+    if (out != nullptr) {
+        clear(*out);
+        out->notes = status == AMINN_E_NO_CONTACT ? AMINN_NOTE_NO_CONTACT : 0u;
+    }
+    return status;
+}
 
 aminn_status_t context_status(const aminn_t *ctx)
 {
