@@ -1,6 +1,6 @@
 /*
- * A controller at 1 kHz: wait for the tick, read a frame of sensors and the commanded load, predict, apply the load or less
- * of it. Prints what share of the tick it needs.
+ * A controller at 100 Hz: wait for the tick, read a frame of sensors and the commanded load, find how much of it is admissible,
+ * apply that. Prints what share of the tick it needs, and how much load it lets through.
  */
 #include <string.h>
 
@@ -11,7 +11,8 @@
 #include "semihosting.h"
 #include "vector_file.h"
 
-enum { TICK_HZ = 1000, PERMILLE = 1000, CLOCK_HZ = 25000000 /* of the MPS2 boards */ };
+enum { TICK_HZ = 100, PERMILLE = 1000, CLOCK_HZ = 25000000 /* of the MPS2 boards */ };
+enum { FRAMES = 40 }; /* at most: an emulator waits for a tick instruction by instruction */
 /* Instructions that a core of so many MHz has in a tick if each takes one cycle; real cores need more for some. */
 enum { REFERENCE_MHZ = 168 };
 
@@ -19,6 +20,7 @@ limiter_t limiter;
 
 typedef struct budget {
     uint32_t ticks, limited, refused, out_of_range, overruns, worst, total;
+    float share; /* of each commanded load that is applied; summed */
 } budget_t;
 
 static void control_tick(const aminn_input_t *frame, budget_t *b)
@@ -33,8 +35,9 @@ static void control_tick(const aminn_input_t *frame, budget_t *b)
     b->refused += limiter_step(&limiter, &state) != AMINN_OK;
     spent = start - SYST_CVR;
     b->overruns += (SYST_CSR & SYST_COUNTFLAG) != 0;
-    b->limited += limiter.share < 1.0F;
-    b->out_of_range += (limiter.out.notes & AMINN_NOTE_OUT_OF_RANGE) != 0;
+    b->limited += limiter.found.scale < 1.0F;
+    b->out_of_range += limiter.found.limited_by == AMINN_LIMITED_BY_RANGE;
+    b->share += limiter.found.scale;
     b->total += spent;
     b->worst = spent > b->worst ? spent : b->worst;
     ++b->ticks;
@@ -42,10 +45,10 @@ static void control_tick(const aminn_input_t *frame, budget_t *b)
 
 int run_control(const char *frames)
 {
-    const limits_t limits = {1e-3F, 0.5F, 0.05F};
+    const aminn_load_limits_t limits = {1e-3F, 0.1F, 1.0F, 0.95F, 1.0F, 1.0F};
     const int file = semihost_open(frames, SEMIHOST_READ);
     vector_header_t header;
-    budget_t b = {0, 0, 0, 0, 0, 0, 0};
+    budget_t b = {0, 0, 0, 0, 0, 0, 0, 0.0F};
     aminn_status_t status;
     uint32_t i, rate, worst;
     if (file < 0) {
@@ -55,7 +58,7 @@ int run_control(const char *frames)
         vector_header_error(&header, (uint32_t)semihost_length(file) - (uint32_t)sizeof header) != NULL) {
         return fail(frames, "not a whole vector file");
     }
-    status = limiter_init(&limiter, &MODEL_SYMBOL, limits);
+    status = limiter_init(&limiter, &MODEL_SYMBOL, &limits);
     if (status != AMINN_OK) {
         return fail("limiter", aminn_status_name(status));
     }
@@ -63,7 +66,7 @@ int run_control(const char *frames)
     rate = calibrate();
     SYST_RVR = CLOCK_HZ / TICK_HZ - 1;
     SYST_CVR = 0;
-    for (i = 0; i < header.n; ++i) {
+    for (i = 0; i < header.n && i < FRAMES; ++i) {
         aminn_input_t frame;
         float other[AMINN_N_THETA + AMINN_N_SENSOR]; /* not used here */
         if (semihost_read(file, &frame, sizeof frame) != 0 ||
@@ -76,6 +79,9 @@ int run_control(const char *frames)
     worst = (uint32_t)((uint64_t)b.worst * rate / PERMILLE);
     print_figure("control_ticks", b.ticks);
     print_figure("control_ticks_limited", b.limited);
+    print_figure("control_load_permille", b.ticks > 0 ? (uint32_t)((float)PERMILLE * b.share / (float)b.ticks) : 0);
+    print_figure("control_load_permille_all_or_nothing", /* of a rule that applies the whole load, or none of it */
+                 b.ticks > 0 ? PERMILLE * (b.ticks - b.limited) / b.ticks : 0);
     print_figure("control_refused", b.refused);
     print_figure("control_out_of_range", b.out_of_range);
     print_figure("control_overruns", b.overruns);

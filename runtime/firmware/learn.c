@@ -15,7 +15,7 @@
 
 enum { PUSHES = 10, PERMILLE = 1000 };
 
-static const limits_t limits = {1e-3F, 0.5F, 0.05F};
+static const aminn_load_limits_t limits = {1e-3F, 3.0F, 0.0F, 0.0F, 1.0F, 1.0F}; /* 1 mm */
 
 static int read_sample(int file, const vector_header_t *header, uint32_t i, trial_t *sample)
 {
@@ -61,7 +61,7 @@ int run_calibration(const char *pushes)
         header.n <= PUSHES) {
         return fail(pushes, "not a whole vector file of more than ten samples");
     }
-    status = limiter_init(&limiter, &MODEL_SYMBOL, limits);
+    status = limiter_init(&limiter, &MODEL_SYMBOL, &limits);
     if (status != AMINN_OK) {
         return fail("limiter", aminn_status_name(status));
     }

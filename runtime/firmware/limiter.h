@@ -1,39 +1,30 @@
 /*
- * Limits a commanded load to what the grasp is predicted to hold, and learns from what loads did how stiff its hand is. One
- * prediction a tick, all memory the caller's: copy it into a controller and change the rule.
+ * Limits a commanded load to what the grasp is predicted to bear, and learns from what loads did how stiff its hand is. All
+ * memory is the caller's: copy it into a controller and change the limits.
  */
 #ifndef LIMITER_H
 #define LIMITER_H
 
 #include "aminn_rt.h"
 
-/* What a prediction has to satisfy. */
-typedef struct limits {
-    float displacement_m; /* largest translation of the tool in the hand that is tolerated, m */
-    float step_down;      /* factor on the permitted share after a tick whose prediction does not satisfy, 0 .. 1 */
-    float step_up;        /* added to the permitted share after one that does, 0 .. 1 */
-} limits_t;
-
 typedef struct limiter {
     aminn_t aminn;
     aminn_calibrator_t calibrator;
-    aminn_output_t out;
-    limits_t limits;
-    float share; /* of the commanded load that is permitted now, 0 .. 1 */
+    aminn_load_limits_t limits;
+    aminn_admissible_t found; /* of the latest step; its scale is the permitted share of the commanded load */
 } limiter_t;
 
 /* Prepare it, where it is to stay, and test the library; returns what aminn_init(), aminn_self_test() or
- * aminn_calibrator_init() returns. The full load is permitted at first, and the hand is the one that its description has. */
-aminn_status_t limiter_init(limiter_t *limiter, const aminn_model_t *model, limits_t limits);
+ * aminn_calibrator_init() returns. The hand is the one that its description has. Of the limits max_scale is not used. */
+aminn_status_t limiter_init(limiter_t *limiter, const aminn_model_t *model, const aminn_load_limits_t *limits);
 
 /*
- * One tick: predict for the permitted share of the commanded load, and adapt the share.
+ * One tick: find how much of the commanded load is admissible.
  *
- *   state    sensors; w_e is the commanded load (N, N.m). On return w_e is the load to apply: scaled by a share that was
- *            predicted to hold, else zero.
+ *   state    sensors; w_e is the commanded load (N, N.m). On return w_e is the load to apply: as much of it as is admissible.
  *
- * Returns the prediction's status. After an error, and where the input lies outside the training range, nothing is
- * predicted to hold.
+ * Returns the status of aminn_admissible_load(). After an error, and where the model does not know such states, w_e is zero.
+ * Takes up to AMINN_LOAD_PREDICTIONS predictions.
  */
 aminn_status_t limiter_step(limiter_t *limiter, aminn_state_t *state);
 

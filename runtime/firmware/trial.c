@@ -18,19 +18,21 @@ void judge(limiter_t *limiter, float length_scale, trial_t *trial, verdict_t *ve
 {
     static const float none[AMINN_N_WRENCH];
     const int held = trial->held > 0.5F;
-    const int good = held && distance(trial->dx_ht, none, 3, length_scale) <= limiter->limits.displacement_m;
+    const int good = held && distance(trial->dx_ht, none, 3, length_scale) <= limiter->limits.max_translation;
+    aminn_output_t predicted;
     int let_through;
-    limiter->share = 1.0F;
+    if (aminn_predict_state(&limiter->aminn, &trial->before, &predicted) == AMINN_OK && held && predicted.stable != 0) {
+        const float size = distance(trial->dx_ht, none, AMINN_N_WRENCH, length_scale);
+        verdict->error += distance(predicted.dx_ht, trial->dx_ht, AMINN_N_WRENCH, length_scale) / size;
+        ++verdict->compared;
+    }
     limiter_step(limiter, &trial->before);
-    let_through = limiter->share == 1.0F;
+    let_through = limiter->found.scale == 1.0F;
     verdict->good += (uint32_t)good;
     verdict->wrong += (uint32_t)(let_through && !good);
     verdict->needless += (uint32_t)(!let_through && good);
-    if (held && limiter->out.stable != 0) {
-        const float size = distance(trial->dx_ht, none, AMINN_N_WRENCH, length_scale);
-        verdict->error += distance(limiter->out.dx_ht, trial->dx_ht, AMINN_N_WRENCH, length_scale) / size;
-        ++verdict->compared;
-    }
+    verdict->share += limiter->found.scale;
+    verdict->whole += (uint32_t)let_through;
 }
 
 float mean_error(const verdict_t *verdict)

@@ -13,8 +13,10 @@ typedef struct trial {
 
 typedef struct verdict {
     uint32_t good;     /* loads that the grasp held, with no more motion than the limiter tolerates */
-    uint32_t wrong;    /* let through, and not good */
-    uint32_t needless; /* good, and not let through */
+    uint32_t wrong;    /* let through as a whole, and not good */
+    uint32_t needless; /* good, and not let through as a whole */
+    uint32_t whole;    /* let through as a whole */
+    float share;       /* of each load that is let through; summed */
     uint32_t compared; /* held, and predicted to hold */
     float error;       /* of the motion predicted for these, as a share of the measured one; summed */
 } verdict_t;
