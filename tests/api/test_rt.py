@@ -17,7 +17,7 @@ from aminn_export.export import write_model_files
 from aminn_export.files.bin_model import read_bin_model
 from aminn_export.samples.vectors import Vectors
 from aminn_hand.theta import MAX_LOG_FACTOR, MAX_RADIUS_M, MAX_ZERO_RAD
-from aminn_rt import Model, Note, Prediction
+from aminn_rt import LimitedBy, Model, Note, Prediction
 from aminn_rt.compiled import runtime_for
 from aminn_rt.model import model_file
 from aminn_rt.status import Status
@@ -238,3 +238,72 @@ def test_numbers_that_stand_in_the_header_too() -> None:
     assert defined == {"MAX_LOG_FACTOR": MAX_LOG_FACTOR, "MAX_ZERO": MAX_ZERO_RAD, "MAX_RADIUS": MAX_RADIUS_M}
     listed = dict(re.findall(r"X\(AMINN_(?:E_)?(\w+), (-?\d+),", header))
     assert {s.name: str(s.value) for s in Status}.items() <= listed.items()
+
+
+BOUNDS = {"max_translation": 2e-3, "max_rotation": 0.1}
+
+
+def test_admissible_loads_are_those_that_predictions_allow(model: Model, states: States) -> None:
+    """At the scale that is found all is within limits; a little above it, it is not."""
+    still = states | {"w_e": np.zeros((200, 6))}
+    size = np.maximum(
+        np.linalg.norm(states["w_e"][:, :3], axis=1), np.linalg.norm(states["w_e"][:, 3:] / 0.025, axis=1)
+    )
+    direction = 10 * states["w_e"] / size[:, None]
+    margin = 5e-3 / float(np.median(model.predict(**still).bound_95))
+    found = model.admissible_load(**still, direction=direction, **BOUNDS, margin=margin, p_stable=0.9)
+    assert len(found) == 200 and not found.at.status.any() and found.admissible.mean() > 0.9
+    same(found.at, model.predict(**still | {"w_e": found.scale[:, None] * direction.astype(np.float32)}))
+    assert set(found.limited_by[~found.admissible]) <= {LimitedBy.HOLD, LimitedBy.RANGE}
+    assert (found.scale[~found.admissible] == 0).all()
+
+    def allowed(scale: NDArray) -> NDArray[np.bool_]:
+        p = model.predict(**still | {"w_e": scale[:, None] * direction})
+        doubt = margin * p.bound_95
+        moved = np.linalg.norm(p.dx_ht[:, :3], axis=1) + 0.1 * doubt <= 2e-3
+        turned = np.linalg.norm(p.dx_ht[:, 3:], axis=1) + doubt <= 0.1
+        return p.holds & (p.p_stable >= 0.9) & (p.notes == 0) & moved & turned
+
+    good = found.admissible
+    assert allowed(found.scale * (1 - 1e-6))[good].all()
+    ended = good & (found.limited_by != LimitedBy.NOT) & (found.limited_by != LimitedBy.RANGE)
+    assert ended.mean() > 0.8 and not allowed(found.scale * 1.25 + 0.002)[ended].any()
+    one = model.admissible_load(**rows_of(still, 7), direction=direction[7], **BOUNDS, margin=margin, p_stable=0.9)
+    assert one.scale[0] == found.scale[7] and one.at.dx_ht.tobytes() == found.at.dx_ht[7:8].tobytes()
+
+
+def test_margins_and_thresholds_leave_less_load(model: Model, states: States) -> None:
+    still = {name: values[3] for name, values in states.items()} | {"w_e": np.zeros(6)}
+    directions = np.random.default_rng(0).normal(size=(300, 6)) * [10, 10, 10, 0.1, 0.1, 0.1]
+
+    def loads(threads: int = 1, **limits: float) -> NDArray[np.float32]:
+        return model.admissible_load(**still, direction=directions, **BOUNDS | limits, threads=threads).scale
+
+    plain = loads(margin=0)
+    assert np.array_equal(loads(threads=3, margin=0), plain)
+    margin = 5e-3 / float(model.predict(**still).bound_95[0])
+    for limits in ({"margin": margin}, {"margin": 0, "p_stable": 0.99}, {"margin": 0, "max_translation": 2e-4}):
+        less = loads(**limits)
+        assert (less <= plain).all() and less.mean() < 0.97 * plain.mean(), limits
+    stiff = model.admissible_load(
+        **still, direction=directions, **BOUNDS, margin=0, theta=np.zeros(len(model.theta_names))
+    )
+    assert np.array_equal(stiff.scale, plain)
+
+
+def test_what_bears_no_load_or_is_no_limit_is_told(model: Model, states: States) -> None:
+    bad = {name: values.copy() for name, values in states.items()} | {"w_e": np.zeros((200, 6))}
+    bad["q"][3, 1] = np.nan
+    found = model.admissible_load(**bad, direction=states["w_e"], **BOUNDS)
+    assert np.flatnonzero(found.at.status).tolist() == [3] and found.scale[3] == 0 and not found.admissible[3]
+    assert np.isnan(found.at.p_stable[3])
+    with pytest.raises(AminnError, match=r"row 3: an input is NaN or infinite"):
+        model.admissible_load(**bad, direction=states["w_e"], **BOUNDS, strict=True)
+    with pytest.raises(AminnError, match=r"direction has shape \(5,\), expected \(N, 6\) or \(6,\)"):
+        model.admissible_load(**bad, direction=np.ones(5), **BOUNDS)
+    with pytest.raises(
+        AminnError, match=r"a limit of the load is .*: max_translation 0.002, max_rotation -1, margin 1"
+    ):
+        model.admissible_load(**states, direction=np.ones(6), max_translation=2e-3, max_rotation=-1)
+    with pytest.raises(AminnError, match=r"expected numbers"):
+        model.admissible_load(**states, direction=np.ones(6), max_translation="wide", max_rotation=1)  # type: ignore[arg-type]

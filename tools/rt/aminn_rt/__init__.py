@@ -9,6 +9,6 @@
 It needs neither PyTorch nor ONNX Runtime, and its numbers are bit by bit those of the hand's controller.
 """
 
-from .model import Model, Note, Prediction
+from .model import Admissible, LimitedBy, Model, Note, Prediction
 
-__all__ = ["Model", "Note", "Prediction"]
+__all__ = ["Admissible", "LimitedBy", "Model", "Note", "Prediction"]

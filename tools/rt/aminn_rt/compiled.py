@@ -39,6 +39,8 @@ QUICKLY = ("-DCMAKE_CXX_FLAGS_RELEASE=-O1 -DNDEBUG", "-DAMINN_RT_DISPATCH=OFF")
 ALWAYS_STAGE2, DEBUG = 1, 2
 """Flags of a context (aminn_rt.h)."""
 STAGES = 2
+ADMISSIBLE_WORDS = 3
+"""Of `aminn_admissible_t` before the output: scale, admissible, limited_by."""
 THETA = "theta"
 
 Floats = NDArray[np.float32]
@@ -52,6 +54,15 @@ class _Rows(ctypes.Structure):
 
 class _Inputs(ctypes.Structure):
     _fields_ = tuple((name, _Rows) for name in (*INPUTS, THETA))
+
+
+class LoadLimits(ctypes.Structure):
+    """`aminn_load_limits_t`."""
+
+    _fields_ = tuple(
+        (name, ctypes.c_float)
+        for name in ("max_translation", "max_rotation", "margin", "p_stable", "p_slide", "max_scale")
+    )
 
 
 class Results(NamedTuple):
@@ -77,11 +88,12 @@ class Library:
             raise AminnError(f"the compiled runtime cannot be loaded ({error}); install the package again") from error
         handle, size, text = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_char_p
         uint, status = ctypes.c_uint, ctypes.POINTER(ctypes.c_int32)
-        inputs = ctypes.POINTER(_Inputs)
+        inputs, rows, limits = (ctypes.POINTER(kind) for kind in (_Inputs, _Rows, LoadLimits))
         for name, result, arguments in (
             ("aminn_batch_open", handle, (text, size, ctypes.c_uint32, status)),
             ("aminn_batch_close", None, (handle,)),
             ("aminn_batch_predict", None, (handle, inputs, size, uint, handle, handle, handle)),
+            ("aminn_batch_admissible", None, (handle, inputs, rows, limits, size, uint, handle, handle)),
             ("aminn_batch_ranges", None, (handle, handle, handle)),
             ("aminn_batch_self_test", ctypes.c_int32, (handle,)),
             ("aminn_status_name", text, (ctypes.c_int,)),
@@ -157,6 +169,32 @@ class Library:
             batch, ctypes.byref(given), n, threads, outputs.ctypes.data, where, status.ctypes.data
         )
         return Results(outputs, debug, status)
+
+    def admissible(
+        self,
+        batch: int,
+        inputs: Mapping[str, tuple[int, int]],
+        directions: tuple[int, int],
+        limits: LoadLimits,
+        n: int,
+        threads: int = 1,
+    ) -> tuple[Words, Codes]:
+        """(N, .) words of `aminn_admissible_t` of n rows, and their status; inputs and directions as for `predict`."""
+        given = _Inputs(**{name: _Rows(*rows) for name, rows in inputs.items()})
+        along = _Rows(*directions)
+        found = np.zeros((n, ADMISSIBLE_WORDS + output_words(self.dims)), np.uint32)
+        status = np.zeros(n, np.int32)
+        self._c.aminn_batch_admissible(
+            batch,
+            ctypes.byref(given),
+            ctypes.byref(along),
+            ctypes.byref(limits),
+            n,
+            threads,
+            found.ctypes.data,
+            status.ctypes.data,
+        )
+        return found, status
 
     def ranges(self, batch: int) -> tuple[Floats, Floats]:
         """Smallest and largest value of each number of a state in training (S), widened."""

@@ -6,10 +6,12 @@ import os
 import weakref
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import IntFlag
+from enum import IntEnum, IntFlag
 from functools import cached_property
 from math import prod
 from pathlib import Path
+from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,11 +21,23 @@ from aminn_base.read import AnyPath, read_bytes, read_text
 from aminn_hand.hand import OUTPUTS, STATE, Dims
 
 from .blob import check_blob, dims_in, names_in, tau_in
-from .compiled import ALWAYS_STAGE2, THETA, Refused, runtime_for
+from .compiled import ADMISSIBLE_WORDS, ALWAYS_STAGE2, THETA, LoadLimits, Refused, runtime_for
 from .hand_header import HAND_HEADER, theta_names_in
+from .status import Status
 
 Floats = NDArray[np.float32]
 OK = 0
+DIRECTION = "direction"
+
+
+class _Rows(NamedTuple):
+    """Arrays in memory."""
+
+    n: int
+    places: dict[str, tuple[int, int]]
+    """By name: address of the first number, and by how many numbers a row follows another."""
+    arrays: dict[str, NDArray]
+    """What lies there."""
 
 
 class Note(IntFlag):
@@ -66,6 +80,40 @@ class Prediction:
 
     def __len__(self) -> int:
         return len(self.status)
+
+
+class LimitedBy(IntEnum):
+    """What keeps a load from being larger (AMINN_LIMITED_... in aminn_rt.h)."""
+
+    NOT = 0
+    """Nothing: `max_scale` is admissible."""
+    HOLD = 1
+    """`p_stable`."""
+    TRANSLATION = 2
+    """`max_translation`."""
+    ROTATION = 3
+    """`max_rotation`."""
+    SLIDE = 4
+    """`p_slide`."""
+    RANGE = 5
+    """Larger ones lie beyond what the model was trained on, or are ill-conditioned."""
+
+
+@dataclass(frozen=True)
+class Admissible:
+    """The largest admissible loads, a row each."""
+
+    scale: Floats
+    """(N) of the direction: 0 to `max_scale`; 0 also where not even that is admissible."""
+    admissible: NDArray[np.bool_]
+    """(N) whether the load with `scale` is."""
+    limited_by: NDArray[np.uint32]
+    """(N) `LimitedBy`."""
+    at: Prediction
+    """What is predicted with `scale`; its `status` is that of the row."""
+
+    def __len__(self) -> int:
+        return len(self.scale)
 
 
 class Model:
@@ -196,16 +244,80 @@ class Model:
             raise AminnError("predict: give both j_x and j_q, or neither")
         if j_x is not None and j_q is not None:
             given |= {"j_x": j_x, "j_q": j_q}
-        shapes = self.dims.inputs
+        rows = self._rows(given, theta)
+        batch = self._batches[ALWAYS_STAGE2 if always else 0]
+        outputs, _, status = self._library.predict(batch, rows.places, rows.n, cores(threads))
+        return self._strictly(strict, self._prediction(outputs, status))
+
+    def admissible_load(
+        self,
+        q: ArrayLike,
+        x_ht: ArrayLike,
+        w_e: ArrayLike,
+        contacts: ArrayLike,
+        direction: ArrayLike,
+        theta: ArrayLike | None = None,
+        *,
+        max_translation: float,
+        max_rotation: float,
+        margin: float = 1.0,
+        p_stable: float = 0.0,
+        p_slide: float = 1.0,
+        max_scale: float = 1.0,
+        threads: int = 0,
+        strict: bool = False,
+    ) -> Admissible:
+        """The largest load along a direction that each of N grasps is predicted to bear.
+
+        States, theta, threads and strict are as for `predict`. w_e (N, 6) is the part of the load that is there anyway,
+        direction (N, 6) that which is scaled: N, N.m, axes of H.
+
+        max_translation (m) and max_rotation (rad) bound the predicted motion, to which margin times `bound_95` is added
+        (as a length times the hand's `length_m`). p_stable is the least probability that the grasp holds; below the
+        model's tau, that. p_slide is the largest probability that a contact slides. max_scale: how much of the
+        direction is of interest. `aminn_rt.h` says how the load is found.
+
+        Raises AminnError for arrays of another shape, and for limits that are none.
+        """
+        given = {"q": q, "x_ht": x_ht, "w_e": w_e, "contacts": contacts, DIRECTION: direction}
+        rows = self._rows(given, theta, {DIRECTION: self.dims.inputs["w_e"]})
+        limits = _limits(
+            {
+                "max_translation": max_translation,
+                "max_rotation": max_rotation,
+                "margin": margin,
+                "p_stable": p_stable,
+                "p_slide": p_slide,
+                "max_scale": max_scale,
+            }
+        )
+        along = rows.places.pop(DIRECTION, (0, 0))
+        words, status = self._library.admissible(self._batches[0], rows.places, along, limits, rows.n, cores(threads))
+        if (status == Status.LIMITS).any():
+            values = ", ".join(f"{name} {getattr(limits, name):g}" for name, *_ in limits._fields_)
+            raise AminnError(f"admissible_load: {self.status_text(Status.LIMITS)}: {values}")
+        scale, admissible, limited_by = (words[:, i].copy() for i in range(ADMISSIBLE_WORDS))
+        at = self._strictly(strict, self._prediction(words[:, ADMISSIBLE_WORDS:].copy(), status))
+        return Admissible(scale.view(np.float32), admissible.astype(bool), limited_by, at)
+
+    def _rows(
+        self,
+        given: dict[str, ArrayLike],
+        theta: ArrayLike | None,
+        others: Mapping[str, tuple[int, ...]] = MappingProxyType({}),
+    ) -> _Rows:
+        """Arrays of states, and others of these shapes, as the library takes them."""
+        shapes = self.dims.inputs | dict(others)
         if theta is not None:
             given, shapes = given | {THETA: theta}, shapes | {THETA: (len(self.theta_names),)}
         n, arrays = rows_of(shapes, given)
         places = {k: (v.ctypes.data, v[0].size if len(v) == n and n != 1 else 0) for k, v in arrays.items() if n}
-        batch = self._batches[ALWAYS_STAGE2 if always else 0]
-        outputs, _, status = self._library.predict(batch, places, n, cores(threads))
-        found = self._prediction(outputs, status)
-        if strict and status.any():
-            raise AminnError(f"predict: {self._complaint(status)}")
+        return _Rows(n, places, arrays)
+
+    def _strictly(self, strict: bool, found: Prediction) -> Prediction:
+        """What was found; where it is to be whole, raises AminnError for a row that is not."""
+        if strict and found.status.any():
+            raise AminnError(f"predict: {self._complaint(found.status)}")
         return found
 
     def _prediction(self, words: NDArray[np.uint32], status: NDArray[np.int32]) -> Prediction:
@@ -225,6 +337,13 @@ class Model:
         bad = np.flatnonzero(status)
         more = f" ({len(bad)} of {len(status)} rows cannot be predicted from)" if len(bad) > 1 else ""
         return f"row {bad[0]}: {self.status_text(status[bad[0]])}{more}"
+
+
+def _limits(values: dict[str, float]) -> LoadLimits:
+    try:
+        return LoadLimits(**{name: float(value) for name, value in values.items()})
+    except (TypeError, ValueError, OverflowError) as error:
+        raise AminnError(f"admissible_load: limits are {values}, expected numbers ({error})") from error
 
 
 def cores(wanted: int) -> int:

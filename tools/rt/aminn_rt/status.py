@@ -28,6 +28,7 @@ class Status(IntEnum):
     NUMERIC = -9
     CALIBRATION = -24
     SENSORS = -25
+    LIMITS = -26
 
 
 def statuses(inputs: Mapping[str, NDArray]) -> NDArray[np.int32]:

@@ -65,21 +65,69 @@ aminn_status_t calibrate(const aminn_batch_t &batch, Worker &worker, const aminn
     return worker.calibrated;
 }
 
+aminn_state_t state_of(const aminn_batch_inputs_t &inputs, size_t i)
+{
+    aminn_state_t state;
+    gather(inputs.q, i, state.q);
+    gather(inputs.x_ht, i, state.x_ht);
+    gather(inputs.w_e, i, state.w_e);
+    gather(inputs.contacts, i, state.contacts);
+    return state;
+}
+
 aminn_status_t predict(aminn_t &ctx, const aminn_batch_inputs_t &inputs, size_t i, aminn_output_t &out)
 {
-    aminn_input_t in;
-    gather(inputs.q, i, in.q);
-    gather(inputs.x_ht, i, in.x_ht);
-    gather(inputs.w_e, i, in.w_e);
-    gather(inputs.contacts, i, in.contacts);
+    const aminn_state_t state = state_of(inputs, i);
     if (inputs.j_x.first == nullptr || inputs.j_q.first == nullptr) {
-        aminn_state_t state;
-        std::memcpy(&state, &in, sizeof state); // it begins as an input does
         return aminn_predict_state(&ctx, &state, &out);
     }
+    aminn_input_t in;
+    std::memcpy(&in, &state, sizeof state); // as an input begins
     gather(inputs.j_x, i, in.j_x);
     gather(inputs.j_q, i, in.j_q);
     return aminn_predict(&ctx, &in, &out);
+}
+
+// Where a row's theta cannot be: what the runtime gives after an error.
+aminn_status_t refuse(aminn_status_t status, aminn_admissible_t &found)
+{
+    found = aminn_admissible_t{};
+    return refuse(status, found.at);
+}
+
+// row(worker, i, status of its theta) for n rows, shared by threads.
+template <class Row>
+void over_rows(const aminn_batch_t &batch, const aminn_batch_inputs_t &inputs, size_t n, unsigned threads, Row row)
+{
+    const size_t parts = std::max<size_t>(1, std::min<size_t>(threads, n / kFewestRows));
+    const auto work = [&, n, parts](size_t part) noexcept {
+        Worker worker = {};
+        worker.ctx = batch.ctx;
+        const size_t begin = n * part / parts;
+        for (size_t i = begin; i < n * (part + 1) / parts; ++i) {
+            aminn_status_t status = AMINN_OK;
+            if (inputs.theta.first != nullptr) {
+                status = calibrate(batch, worker, inputs.theta, i, i == begin);
+            }
+            row(worker, i, status);
+        }
+    };
+    std::vector<std::thread> others;
+    size_t part = 1;
+    try {
+        others.reserve(parts - 1);
+        for (; part < parts; ++part) {
+            others.emplace_back(work, part);
+        }
+    } catch (const std::exception &) { // no more threads or memory: the rest is done here
+    }
+    work(0);
+    for (; part < parts; ++part) {
+        work(part);
+    }
+    for (std::thread &other : others) {
+        other.join();
+    }
 }
 
 aminn_status_t open(aminn_batch &batch, const void *blob, size_t size, uint32_t flags)
@@ -121,40 +169,27 @@ void aminn_batch_ranges(const aminn_batch_t *batch, float *smallest, float *larg
 void aminn_batch_predict(const aminn_batch_t *batch, const aminn_batch_inputs_t *inputs, size_t n, unsigned threads,
                          aminn_output_t *outputs, aminn_stage_debug_t *stages, aminn_status_t *statuses)
 {
-    const size_t parts = std::max<size_t>(1, std::min<size_t>(threads, n / kFewestRows));
-    const auto work = [=](size_t part) noexcept {
-        Worker worker = {};
-        worker.ctx = batch->ctx;
-        const size_t begin = n * part / parts;
-        for (size_t i = begin; i < n * (part + 1) / parts; ++i) {
-            aminn_status_t status = AMINN_OK;
-            if (inputs->theta.first != nullptr) {
-                status = calibrate(*batch, worker, inputs->theta, i, i == begin);
-            }
-            statuses[i] = status == AMINN_OK ? predict(worker.ctx, *inputs, i, outputs[i]) : refuse(status, outputs[i]);
-            const aminn_stage_debug_t *first =
-                stages == nullptr || status != AMINN_OK ? nullptr : aminn_debug(&worker.ctx, 0);
-            if (first != nullptr) { // the second lies behind it
-                std::memcpy(stages + i * AMINN_N_STAGE, first, AMINN_N_STAGE * sizeof *stages);
-            }
+    over_rows(*batch, *inputs, n, threads, [=](Worker &worker, size_t i, aminn_status_t status) {
+        statuses[i] = status == AMINN_OK ? predict(worker.ctx, *inputs, i, outputs[i]) : refuse(status, outputs[i]);
+        const aminn_stage_debug_t *first =
+            stages == nullptr || status != AMINN_OK ? nullptr : aminn_debug(&worker.ctx, 0);
+        if (first != nullptr) { // the second lies behind it
+            std::memcpy(stages + i * AMINN_N_STAGE, first, AMINN_N_STAGE * sizeof *stages);
         }
-    };
-    std::vector<std::thread> others;
-    size_t part = 1;
-    try {
-        others.reserve(parts - 1);
-        for (; part < parts; ++part) {
-            others.emplace_back(work, part);
-        }
-    } catch (const std::exception &) { // no more threads or memory: the rest is done here
-    }
-    work(0);
-    for (; part < parts; ++part) {
-        work(part);
-    }
-    for (std::thread &other : others) {
-        other.join();
-    }
+    });
+}
+
+void aminn_batch_admissible(const aminn_batch_t *batch, const aminn_batch_inputs_t *inputs,
+                            const aminn_batch_rows_t *directions, const aminn_load_limits_t *limits, size_t n,
+                            unsigned threads, aminn_admissible_t *found, aminn_status_t *statuses)
+{
+    over_rows(*batch, *inputs, n, threads, [=](Worker &worker, size_t i, aminn_status_t status) {
+        float direction[AMINN_N_WRENCH];
+        gather(*directions, i, direction);
+        const aminn_state_t state = state_of(*inputs, i);
+        statuses[i] = status == AMINN_OK ? aminn_admissible_load(&worker.ctx, &state, direction, limits, &found[i])
+                                         : refuse(status, found[i]);
+    });
 }
 
 aminn_status_t aminn_batch_self_test(const aminn_batch_t *batch)

@@ -60,6 +60,17 @@ void aminn_batch_ranges(const aminn_batch_t *batch, float *smallest, float *larg
 void aminn_batch_predict(const aminn_batch_t *batch, const aminn_batch_inputs_t *inputs, size_t n, unsigned threads,
                          aminn_output_t *outputs, aminn_stage_debug_t *stages, aminn_status_t *statuses);
 
+/*
+ * The largest admissible load of n rows, each as aminn_admissible_load() finds it. Of `inputs`, j_x and j_q are not used.
+ *
+ *   directions  (n x AMINN_N_WRENCH)
+ *   found       (n) written.
+ *   statuses    (n) written.
+ */
+void aminn_batch_admissible(const aminn_batch_t *batch, const aminn_batch_inputs_t *inputs,
+                            const aminn_batch_rows_t *directions, const aminn_load_limits_t *limits, size_t n,
+                            unsigned threads, aminn_admissible_t *found, aminn_status_t *statuses);
+
 /* Status of aminn_self_test(). */
 aminn_status_t aminn_batch_self_test(const aminn_batch_t *batch);
 
