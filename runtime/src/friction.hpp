@@ -27,11 +27,10 @@
 namespace aminn {
 inline namespace AMINN_CORE {
 
-constexpr int kSteps = 2;
+constexpr int kSteps = 3;
 constexpr float kMostSlide = 5e-3F;     // m/N: what gives more than this holds nothing
 constexpr float kLeastPressing = 0.01F; // N: below it a contact is as good as lost
 constexpr float kLeastReserve = 0.01F;  // of (mu N)^2, which a contact is believed to have left, whatever T0 uses of it
-constexpr float kLeastStiffness = 1.0F; // N/m, of both tangents of a contact together
 constexpr float kMostUse = 100.0F;
 constexpr float kNoStiffness = 1e-30F; // N/m, whose inverse is a number
 constexpr float kNoForce = 1e-12F;     // N^2, whose root is that of no force at all
@@ -43,7 +42,7 @@ constexpr int kSlideRoom = sizeof(SlideRow) / sizeof(float);
 // What is seen of friction in a stage, of each branch.
 struct Friction {
     float use[kBranch];      // share of its friction that a contact would use if none slid
-    float share[kBranch];    // s, by what the grasp itself gives there
+    float share[kBranch];    // s, by what the finger itself gives there
     float pressing[kBranch]; // N, if none slid
 };
 
@@ -53,6 +52,7 @@ struct Slides {
     SlideRow loosened[kMotion + kTendons]; // - H p, - p
     SlideRow strain[kYielding];            // G
     SlideRow meets[kSlides];               // E
+    SlideRow relief[kBranch];              // F
     SlideRow held;                         // t0
 };
 
@@ -72,7 +72,7 @@ struct Footing {
     Branches preload_square;
     Branches normal[3]; // W n
     Branches pull;      // n.t
-    Branches give;      // what the grasp gives where the contact alone slides
+    Branches give;      // what the finger itself gives there without its tendon: the mean of both tangents
     Branches slide;     // s
     Branches e[2][3];
 };
@@ -118,6 +118,7 @@ AMINN_FUNCTION void place_contacts(const Branches *springs, const aminn_input_t 
     const Branches believed[3] = {springs[at(kPreload, g)], springs[at(kPreload + 1, g)], springs[at(kPreload + 2, g)]};
     Branches directions[3][3];
     find_directions(in, g, directions);
+    footing.give = Branches{};
     for (int d = 0; d < 3; ++d) {
         const Branches *across = directions[d];
         Branches own[3];
@@ -133,6 +134,13 @@ AMINN_FUNCTION void place_contacts(const Branches *springs, const aminn_input_t 
                 footing.normal[i] = gather(grasp.weight + 3 * b + i, 3, n) * e[i];
             }
             break;
+        }
+        const Branches u_across[3] = {
+            // of U
+            subtract_product(subtract_product(across[0], contact.minus_u[0], across[1]), contact.minus_u[1], across[2]),
+            subtract_product(across[1], contact.minus_u[2], across[2]), across[2]};
+        for (int i = 0; i < 3; ++i) {
+            footing.give = add_product(footing.give, 0.5F * contact.d[i], u_across[i] * u_across[i]);
         }
         for (int k = 0; k < n; ++k) {
             const int tangent = tangent_of(d, b + k);
@@ -246,19 +254,11 @@ AMINN_FUNCTION void soften(Footing &footing, Branches first, Branches second)
     footing.slide = least(broadcast(kMostSlide), largest(Branches{}, more));
 }
 
-// What a group's contacts use of their friction if none slides, and what the grasp gives where one slides alone.
-AMINN_FUNCTION void judge(const Slides &slides, const aminn_input_t &in, int g, const float *force, Footing &footing,
-                          Friction &friction)
+// What a group's contacts use of their friction if none slides.
+AMINN_FUNCTION void judge(const aminn_input_t &in, int g, const float *force, Footing &footing, Friction &friction)
 {
     const int b = g * kSideBySide;
     const int n = in_group(g);
-    float stiffness[kSideBySide] = {};
-    for (int k = 0; k < n; ++k) {
-        const int first = tangent_of(0, b + k);
-        const int second = tangent_of(1, b + k);
-        stiffness[k] = slides.meets[first][first] + slides.meets[second][second];
-    }
-    footing.give = 2.0F / largest(broadcast(kLeastStiffness), gather(stiffness, 1, n));
     footing.now = largest(broadcast(kLeastPressing), footing.pressing);
     const Branches borne[2] = {footing.preload[0] - in_tangent(force, 0, g),
                                footing.preload[1] - in_tangent(force, 1, g)};
@@ -309,7 +309,20 @@ static void slide(const Branches *springs, const aminn_input_t &in, Grasp &grasp
             }
             footing.pressing = add_product(footing.pressing, footing.pull, gather(pulled, 1, n));
         }
-        judge(slides, in, g, force, footing, friction);
+        judge(in, g, force, footing, friction);
+        combine_branches(slides.relief + b, slides.strain + 3 * b, footing.normal, g);
+        if constexpr (kGated) {
+            for (int k = 0; k < n; ++k) {
+                float share[kMotion];
+                for (int i = 0; i < kMotion; ++i) {
+                    share[i] = grasp.inv_d[i] * normals[b + k][i];
+                }
+                SlideRow relief;
+                combine(relief, slides.loosened, kMotion, share);
+                add_scaled(relief, -branch_of(footing.pull, k), slides.loosened[kMotion + b + k]);
+                add_scaled(slides.relief[b + k], 1.0F, relief);
+            }
+        }
     }
     for (int step = 0;; ++step) {
         for (int g = 0; g < kGroups; ++g) {
@@ -330,31 +343,11 @@ static void slide(const Branches *springs, const aminn_input_t &in, Grasp &grasp
             add_scaled(z, 1.0F, move);
             break;
         }
-        float strain[kStacked];
-        slide_dots(slides.strain, kStacked, moved, strain);
-        float loosened[kMotion + kTendons];
-        if constexpr (kGated) {
-            Row move;
-            Row inv_d;
-            slide_dots(slides.loosened, kMotion + kTendons, moved, loosened);
-            load_row(move, loosened);
-            load_row(inv_d, grasp.inv_d);
-            multiply(move, inv_d);
-            dots(normals, kBranch, move, along);
-        }
+        slide_dots(slides.relief, kBranch, moved, along);
         for (int g = 0; g < kGroups; ++g) {
             const int b = g * kSideBySide;
-            const int n = in_group(g);
             Footing &footing = footings[g];
-            footing.now = footing.pressing;
-            for (int i = 0; i < 3; ++i) {
-                footing.now = add_product(footing.now, footing.normal[i], gather(strain + 3 * b + i, 3, n));
-            }
-            if constexpr (kGated) {
-                footing.now = footing.now + gather(along + b, 1, n);
-                footing.now = subtract_product(footing.now, footing.pull, gather(loosened + kMotion + b, 1, n));
-            }
-            footing.now = largest(broadcast(kLeastPressing), footing.now);
+            footing.now = largest(broadcast(kLeastPressing), footing.pressing + gather(along + b, 1, in_group(g)));
         }
     }
     for (int g = 0; g < kGroups; ++g) {

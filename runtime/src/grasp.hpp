@@ -21,6 +21,7 @@ struct Contact {
     Branches row_weight[kCoord + 3];
     Branches lower[kCoord > 1 ? kBelow : 1]; // of L, with the other sign: 10, 20, 21 ..
     Branches minus_u[kSliding ? 3 : 1];      // of U, with the other sign: 01, 02, 12
+    Branches d[kSliding ? 3 : 1];            // D
     Branches t[3];                           // sqrt(c) t
     Branches rest_square;                    // rho^2
     Branches root_contact;                   // sqrt(c)
@@ -99,6 +100,9 @@ AMINN_FUNCTION void factor_contact(const Branches *springs, const aminn_input_t 
         contact.minus_u[0] = -u[0][1];
         contact.minus_u[1] = -u[0][2];
         contact.minus_u[2] = -u[1][2];
+        for (int i = 0; i < 3; ++i) {
+            contact.d[i] = d[i];
+        }
     }
     for (int i = 0; i < 3; ++i) {
         if constexpr (kGated) {

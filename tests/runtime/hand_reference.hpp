@@ -314,35 +314,21 @@ inline void forces_of(const aminn_model_t &model, int which, const aminn_input_t
     }
 }
 
-/* What a contact gives where it alone slides: a unit force along each of its tangents, which the tool follows. */
-inline double give_alone(const aminn_model_t &model, int which, const aminn_input_t &in, const double (&k)[B][C][C],
-                         const Matrix6 &k_x, int b)
+/* What the finger itself gives along its tangents, without its tendon. */
+inline double give_of_finger(const aminn_model_t &model, int which, const aminn_input_t &in, const double (&k)[C][C],
+                             int b)
 {
-    const double none[B] = {};
-    double m[3][3], unused[C][3], t[3][3], trace = 0.0;
-    give_of(model, which, in, b, k[b], none[b], m, unused);
+    double m[3][3], unused[C][3], t[3][3], sum = 0.0;
+    give_of(model, which, in, b, k, 0.0, m, unused);
     tangents(in.contacts[b] + 4, t);
-    for (int d = 0; d < 2;
-         ++d) { /* a slide by 1 m: the force that it takes, less what the tool's motion takes off it */
-        double force[3], wrench[W] = {}, moved[W], at_contact[3] = {}, less[3];
-        solve<3>(m, t[d], force);
-        for (int j = 0; j < W; ++j) {
-            for (int r = 0; r < 3; ++r) {
-                wrench[j] += static_cast<double>(in.contacts[b][0]) * static_cast<double>(in.j_x[b][r][j]) * force[r];
+    for (int d = 0; d < 2; ++d) {
+        for (int i = 0; i < 3; ++i) {
+            for (int j = 0; j < 3; ++j) {
+                sum += 0.5 * t[d][i] * m[i][j] * t[d][j];
             }
-        }
-        solve<W>(k_x, wrench, moved);
-        for (int r = 0; r < 3; ++r) {
-            for (int j = 0; j < W; ++j) {
-                at_contact[r] += static_cast<double>(in.j_x[b][r][j]) * moved[j];
-            }
-        }
-        solve<3>(m, at_contact, less);
-        for (int r = 0; r < 3; ++r) {
-            trace += static_cast<double>(in.contacts[b][0]) * t[d][r] * (force[r] - less[r]);
         }
     }
-    return 2.0 / std::fmax(trace, 1.0);
+    return sum;
 }
 
 inline void cut(const aminn_model_t &model, Vector6 &dx)
@@ -366,9 +352,9 @@ inline void slide_contacts(const aminn_model_t &model, int which, const aminn_in
     std::memcpy(stage.k_engaged, k, sizeof k);
     for (int b = 0; b < B; ++b) {
         stage.slide[b] = 0.0;
-        give[b] = give_alone(model, which, in, k, stage.k_held, b);
+        give[b] = give_of_finger(model, which, in, stage.k_spring[b], b);
     }
-    for (int step = 0; step < 2; ++step) {
+    for (int step = 0; step < 3; ++step) {
         forces_of(model, which, in, k, stage.slide, stage.dx, force);
         for (int b = 0; b < B; ++b) {
             double t[3][3], along = 0.0, square = 0.0, before = 0.0, borne = 0.0;
