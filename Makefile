@@ -15,6 +15,8 @@ FUZZ_SECONDS ?= 60
 KILLS   ?= 50
 PICTURES ?= 16
 THREADS ?= $(JOBS)
+# C model (a folder, or its .bin) that `make load` judges.
+MODEL   ?= tests/golden
 # Programs that `make consumers` runs; empty: all.
 ONLY    ?=
 # Further arguments for pip, e.g. --extra-index-url of PyTorch's CPU-only builds.
@@ -178,6 +180,11 @@ calibrate: setup-python ## hands that no model was trained on, calibrated by ten
 friction: setup-python ## friction learned from the loads of a grasp, and what it gives for the next: on build/dataset (RUN=build/runs/aminn)
 	@[ -f $(BUILD)/dataset/manifest.json ] || $(MAKE) --no-print-directory dataset
 	@$(PYTHON) -m aminn_app.friction_study --run $(or $(RUN),$(BUILD)/runs/aminn) --data $(BUILD)/dataset --out $(REPORTS)/friction.json
+
+.PHONY: load
+load: setup-python ## largest admissible loads of 1000 grasps, simulated, beside fixed safety factors (MODEL=)
+	@$(PYTHON) -m aminn_app.load_study --model $(MODEL) --build $(BUILD) --jobs $(JOBS)
+	@echo "Report: $(REPORTS)/load.json"
 
 .PHONY: gallery
 gallery: setup-python setup-view ## pictures of grasps before and after their load, from build/dataset (PICTURES=16)

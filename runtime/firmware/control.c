@@ -12,7 +12,7 @@
 #include "vector_file.h"
 
 enum { TICK_HZ = 100, PERMILLE = 1000, CLOCK_HZ = 25000000 /* of the MPS2 boards */ };
-enum { FRAMES = 40 }; /* at most: an emulator waits for a tick instruction by instruction */
+enum { FRAMES = 20 }; /* at most: an emulator waits for a tick instruction by instruction */
 /* Instructions that a core of so many MHz has in a tick if each takes one cycle; real cores need more for some. */
 enum { REFERENCE_MHZ = 168 };
 
