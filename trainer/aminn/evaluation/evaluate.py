@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -137,11 +138,13 @@ def _key(name: str) -> str:
 
 def learned(checkpoint: Checkpoint, data: Dataset, name: str) -> Prediction:
     """A trained cascade at its own tau."""
-    out = predict(checkpoint.model, data)
-    stable = holds(out["p_stable"], checkpoint.meta["tau"])
-    return Prediction(
-        name, out["dx_ht"], stable, out["p_stable"], out.get("gate"), out.get("p_slide"), out.get("bound_95")
-    )
+    return predicted(name, predict(checkpoint.model, data), checkpoint.meta["tau"])
+
+
+def predicted(name: str, out: Mapping[str, Array], tau: float) -> Prediction:
+    """What a cascade's outputs say with a threshold."""
+    stable = holds(out["p_stable"], tau)
+    return Prediction(name, out["dx_ht"], stable, out["p_stable"], out.get("gate"), out["p_slide"], out["bound_95"])
 
 
 def analytical(data: Dataset, validation: Dataset, name: str = "analytical") -> Prediction:

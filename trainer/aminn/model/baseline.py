@@ -16,15 +16,18 @@ from .config import ModelConfig
 from .mechanics import AXES
 from .network import (
     Cascade,
-    Normaliser,
     Stage1,
     Stage2,
     contact_input,
     contact_spread,
     global_input,
     global_spread,
+    log_motion,
+    scaled_pose,
     sensing_columns,
 )
+from .normaliser import Normaliser
+from .sure import Sure
 
 
 def input_spread(dims: Dims) -> tuple[float, ...]:
@@ -74,9 +77,17 @@ class MlpStage(nn.Module):
         """Take the normalisation constants from training inputs."""
         self.norm.fit(self.network_input(x), self.spread, sensing_columns(self.dims, self.dims.contact_input))
 
-    def forward(self, x: dict[str, Tensor]) -> Tensor:
+    def features(self, x: dict[str, Tensor]) -> Tensor:
+        """The last hidden layer (N, width)."""
         hidden = torch.relu(self.hidden1(self.norm(self.network_input(x))))  # (N, width)
-        return self.out(torch.relu(self.hidden2(hidden))) * self.out_scale  # (N, n_out)
+        return torch.relu(self.hidden2(hidden))
+
+    def result(self, f: Tensor) -> Tensor:
+        """Of the last hidden layer: (N, n_out)."""
+        return self.out(f) * self.out_scale
+
+    def forward(self, x: dict[str, Tensor]) -> Tensor:
+        return self.result(self.features(x))
 
 
 class Mlp(Cascade):
@@ -90,7 +101,20 @@ class Mlp(Cascade):
         dims = config.dims(hand)
         self.stage1 = MlpStage(config, dims, n_parameters(Stage1(config, hand)), 1)
         self.stage2 = MlpStage(config, dims, n_parameters(Stage2(config, hand)), N_WRENCH)
+        self.sure = Sure(self.stage2.out.in_features, 1)
 
     def outputs(self, x: dict[str, Tensor]) -> dict[str, Tensor]:
-        """p_stable (N), dx_ht (N, 6); theta is without effect unless the model is told, sensors unless it has them."""
-        return {"p_stable": torch.sigmoid(self.stage1(x).squeeze(-1)), "dx_ht": self.stage2(x)}
+        """p_stable (N), dx_ht (N, 6), p_slide (N), bound_95 (N).
+
+        theta is without effect unless the model is told, sensors unless it has them.
+        """
+        feature, statics, dx = self.seen_by_sure(x)
+        p_slide, bound = self.sure(feature, statics)
+        p_stable = torch.sigmoid(self.stage1(x).squeeze(-1))
+        return {"p_stable": p_stable, "dx_ht": dx, "p_slide": p_slide, "bound_95": bound}
+
+    def seen_by_sure(self, x: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor]:
+        f = self.stage2.features(x)
+        dx = self.stage2.result(f)
+        size = torch.linalg.vector_norm(scaled_pose(dx, self.hand.length_m), dim=-1, keepdim=True)
+        return f, log_motion(size, self.config), dx

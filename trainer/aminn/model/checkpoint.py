@@ -41,6 +41,7 @@ TRAINED_KEYS: dict[str, type | tuple[type, ...]] = {
     "validation": dict,
     "n_parameters": int,
     "finetuned": dict,
+    "sure": dict,
 }
 """Of model.json where `aminn train` wrote it; a checkpoint without them can be run, and no more."""
 

@@ -42,8 +42,7 @@ _CLASSIFIER = {
 _CONSTANTS = ("wrench_log_scale", "chol_nom", "tendon_dir_nom", "tendon_gain_nom", "gate_nom", "coord_mask")
 _TENDONS = ("tendon_dir_nom", "tendon_gain_nom", "gate_nom")
 """Which a model of a hand without gates lacks."""
-NOT_SURE = {"bound_edge": [0.25, 0.5, 0.75], "bound_factor": [1.0, 1.0, 1.0, 1.0]}
-"""Of a model that did not learn how sure it is."""
+_SURE = {"sure_mean": "norm.mean", "sure_inv_std": "norm.inv_std", "sure_w": "out.weight", "sure_b": "out.bias"}
 HAND_TABLES = ("chol_nom", "tendon_dir_nom", "tendon_gain_nom", "coord_mask", "geom_axis", "geom_anchor")
 """What a hand is, for a model."""
 
@@ -101,13 +100,6 @@ def geometry_tables(hand: Hand) -> dict[str, NDArray]:
     return {"geom_axis": nominal.axis, "geom_anchor": nominal.anchor}
 
 
-def _not_sure(config: ModelConfig) -> dict[str, NDArray[np.float32]]:
-    """Tables of a model that did not learn how sure it is: p_slide 0.5 and a bound of 1 m, which say nothing."""
-    zeros, one = np.zeros(1, np.float32), np.ones(1, np.float32)
-    weight = np.zeros((2, config.width + 1), np.float32)
-    return {"s2.sure_mean": zeros, "s2.sure_inv_std": one, "s2.sure_w": weight, "s2.sure_b": np.zeros(2, np.float32)}
-
-
 def export_tables(checkpoint: Checkpoint) -> ExportedModel:
     """The tables of an AMINN checkpoint. Raises AminnError for another kind of model."""
     model = checkpoint.model
@@ -120,6 +112,8 @@ def export_tables(checkpoint: Checkpoint) -> ExportedModel:
     tensors = _stage_tables("s1.", model.stage1.backbone) | _stage_tables("s2.", model.stage2.backbone)
     classifier = model.stage1.state_dict()
     tensors |= {"s1." + name: classifier[key].numpy() for name, key in _CLASSIFIER.items()}
+    sure = model.sure.state_dict()
+    tensors |= {"s2." + name: sure[key].numpy() for name, key in _SURE.items()}
     constants = model.stage2.backbone.state_dict()
     tensors |= {name: constants[name].numpy() for name in _CONSTANTS if model.hand.dims.gates or name not in _TENDONS}
     tensors |= geometry_tables(model.hand)
@@ -133,7 +127,6 @@ def export_tables(checkpoint: Checkpoint) -> ExportedModel:
     if stages[0]["dq0"] != stages[1]["dq0"]:
         raise AminnError(f"{checkpoint.path}: the stages differ in dq0; an exported model has one form for both")
     tensors = {k: np.ascontiguousarray(v, np.float32) for k, v in tensors.items()}
-    tensors |= _not_sure(config)
     theta = Theta(model.hand)
     meta = (
         _identity(checkpoint, tensors)
@@ -153,7 +146,8 @@ def export_tables(checkpoint: Checkpoint) -> ExportedModel:
             "friction_nominal": NOMINAL_FRICTION,
             "max_translation": config.motion_limits[0],
             "max_rotation": config.motion_limits[1],
-            **NOT_SURE,
+            "bound_edge": sure["edge"].tolist(),
+            "bound_factor": sure["factor"].tolist(),
             "theta_names": list(theta.names),
             "theta_units": [p.unit for p in theta.parameters],
             "length_scale": model.hand.length_m,

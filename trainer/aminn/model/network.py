@@ -27,7 +27,9 @@ from ..hand.nominal import Nominal, nominal_of, stiffness_terms
 from .batched import batch_first, batch_last, packed_cholesky, product
 from .config import MechanicsConfig, ModelConfig
 from .mechanics import NO_EXTRAS, Constants, Extras, Response, Springs, length_scaling, two_pass
+from .normaliser import Normaliser
 from .sliding import AXES, preload_of_weight
+from .sure import Sure
 
 
 def slog(v: Tensor, scale: Tensor | float) -> Tensor:
@@ -51,31 +53,6 @@ def global_spread(dims: Dims) -> tuple[float, ...]:
     pose, wrench = (_LENGTH,) * 3 + (0.05,) * 3, (0.1,) * 3 + (0.005,) * 3
     sensed = (_KNOWN, 0.1, _KNOWN, *(0.1,) * AXES, _KNOWN, *(0.5,) * dims.tendons)[: dims.sensing]
     return (0.05,) * dims.joints + pose + wrench + (0.1,) * N_WRENCH + (0.1,) * dims.factors + sensed
-
-
-class Normaliser(nn.Module):
-    """(v - mean) / std with constants that live in the model."""
-
-    mean: Tensor
-    inv_std: Tensor
-
-    def __init__(self, size: int) -> None:
-        super().__init__()
-        self.register_buffer("mean", torch.zeros(size))
-        self.register_buffer("inv_std", torch.ones(size))
-
-    def fit(self, v: Tensor, least_spread: tuple[float, ...], optional: slice = slice(0, 0)) -> None:
-        """Take the constants from data (n, size); no column is scaled by less than its `least_spread`.
-
-        Of the `optional` columns those that never vary in the data are left out: nothing was learned of them.
-        """
-        self.mean.copy_(v.mean(0))
-        spread = v.std(0)
-        self.inv_std.copy_(1 / torch.maximum(spread, torch.tensor(least_spread)))
-        self.inv_std[optional][(v[:, optional] == v[:1, optional]).all(0)] = 0
-
-    def forward(self, v: Tensor) -> Tensor:
-        return (v - self.mean) * self.inv_std
 
 
 def contact_input(contacts: Tensor, j_q: Tensor) -> Tensor:
@@ -361,6 +338,11 @@ def motion_size(r: Response) -> Tensor:
     return torch.linalg.vector_norm(r.x_scaled, dim=-1, keepdim=True).clamp_min(LEAST_MOTION_M)
 
 
+def log_motion(size: Tensor, config: ModelConfig) -> Tensor:
+    """Logarithm of 1 + the size of a motion (N, 1), m, in the unit of the configuration."""
+    return torch.log(1 + size / config.displacement_log_scale)
+
+
 def contact_statics(r: Response) -> Tensor:
     """What the friction of the contacts says (N, 3 B), in logarithm: use, how much they give by sliding, force."""
     return torch.log(1 + torch.cat([r.friction_use, r.slide_share, r.pressed], -1))
@@ -390,7 +372,7 @@ class Stage1(nn.Module):
     def _statics(self, r: Response) -> Tensor:
         """What the statics say (N, `Dims.aux`): motion, its size in logarithm; log diag(K_x); gates; contacts."""
         size = motion_size(r)
-        log_size = torch.log(1 + size / self.config.displacement_log_scale)
+        log_size = log_motion(size, self.config)
         diag = torch.log(torch.diagonal(r.k_scaled, dim1=-2, dim2=-1))  # (N, 6)
         gates = (r.gate,) if self.dims.gates else ()
         contacts = (contact_statics(r),) if self.dims.slides else ()
@@ -435,6 +417,7 @@ class Cascade(nn.Module):
 
     hand: Hand
     config: ModelConfig
+    sure: Sure
 
     def inputs(
         self,
@@ -486,6 +469,10 @@ class Cascade(nn.Module):
         """Of inputs by name."""
         raise NotImplementedError
 
+    def seen_by_sure(self, x: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor]:
+        """What `sure` takes of inputs by name, feature and statics, and the motion (N, 6) that it judges."""
+        raise NotImplementedError
+
 
 class Aminn(Cascade):
     """The cascade with the mechanics layer."""
@@ -497,11 +484,21 @@ class Aminn(Cascade):
         self.config, self.hand = config, hand
         self.stage1 = Stage1(config, hand)
         self.stage2 = Stage2(config, hand)
+        self.sure = Sure(config.width, config.dims(hand).sure)
 
     def outputs(self, x: dict[str, Tensor]) -> dict[str, Tensor]:
-        """p_stable (N), dx_ht (N, 6), k_x (N, 6, 6), gate (N, B)."""
+        """p_stable (N), dx_ht (N, 6), k_x (N, 6, 6), gate (N, B), p_slide (N), bound_95 (N), friction_use (N, B)."""
         out = self._whole(x)
-        return {name: out[name] for name in OUTPUTS if name in out}
+        return {name: out[name] for name in OUTPUTS}
+
+    def seen_by_sure(self, x: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor]:
+        f, _, r = self.stage2.backbone(x)
+        return f, self._statics(r), r.dx
+
+    def _statics(self, r: Response) -> Tensor:
+        """What stage 2's statics say of how sure its motion is, in logarithm (N, 1 or 1 + 3 B)."""
+        size = log_motion(motion_size(r), self.config)
+        return torch.cat([size, contact_statics(r)], -1) if self.stage1.dims.slides else size
 
     def debug(self, *given: Tensor, **named: Tensor) -> dict[str, Tensor]:
         """The same and every intermediate of both stages (`Dims.debug`, s1_ and s2_ before the name)."""
@@ -509,10 +506,10 @@ class Aminn(Cascade):
 
     def _whole(self, x: dict[str, Tensor]) -> dict[str, Tensor]:
         logit, springs1, r1 = self.stage1(x)
-        dx, springs2, r2 = self.stage2(x)
-        out = {"p_stable": torch.sigmoid(logit), "dx_ht": dx, "k_x": r2.k_x, "gate": r2.gate}
-        if self.stage1.dims.slides:
-            out["friction_use"] = r1.friction_use
+        f2, springs2, r2 = self.stage2.backbone(x)
+        p_slide, bound = self.sure(f2, self._statics(r2))
+        out = {"p_stable": torch.sigmoid(logit), "dx_ht": r2.dx, "k_x": r2.k_x, "gate": r2.gate}
+        out |= {"p_slide": p_slide, "bound_95": bound, "friction_use": r1.friction_use}
         for prefix, springs, r in (("s1_", springs1, r1), ("s2_", springs2, r2)):
             found = springs._asdict() | r._asdict()
             out |= {prefix + name: found[name] for name in self.hand.dims.debug}

@@ -29,6 +29,11 @@ FIGURES = (
     ("relative_error_median_all", "relative error, median", "{:.3f}"),
     ("relative_error_p90_all", "relative error, 90th percentile", "{:.3f}"),
     ("passivity_violation_full", "share with w.dx < 0", "{:.2%}"),
+    ("slide_auroc", "AUROC of p_slide, over stable cases", "{:.3f}"),
+    ("bound_coverage", "stable cases within bound_95", "{:.1%}"),
+    ("bound_coverage_slid", "stable cases that slid, within bound_95", "{:.1%}"),
+    ("bound_width", "bound_95 as a share of the motion, median", "{:.3f}"),
+    ("rmse_pose_refused_5pc", "RMSE_pose, without the 5 % of the largest bound_95", "{:.4f}"),
     ("rmse_pose", "RMSE_pose, stable and predicted stable", "{:.4f}"),
 )
 
@@ -54,6 +59,14 @@ def _sensors(checkpoint: Checkpoint, draws: SensorDraws) -> str:
     return ", ".join(f"{name} (known of {shares[name]:.0%})" for name in checkpoint.model.hand.dims.sensors)
 
 
+_SLIDES = {
+    "learned": "is learned from the simulated load cases",
+    "kept": "is that of the model it was fine-tuned from: measured data do not tell what slid",
+    "unknown": "says nothing (0.5): measured data do not tell what slid",
+}
+"""Where p_slide is from."""
+
+
 def _card(checkpoint: Checkpoint) -> str:
     meta, data = checkpoint.meta, checkpoint.meta["data"]
     figures = meta["validation"]
@@ -73,7 +86,8 @@ def _card(checkpoint: Checkpoint) -> str:
             f"# Model card: {meta['kind']}",
             "",
             f"{KINDS[meta['kind']]}. Given joint angles, tool pose, wrench, contacts and closure, it says whether the "
-            "grasp holds (`p_stable` against `tau`) and how far the tool moves in the hand (`dx_ht`).",
+            "grasp holds (`p_stable` against `tau`), how far the tool moves in the hand (`dx_ht`), and how sure it is "
+            "of that (`p_slide`, `bound_95`).",
             "",
             "| | |",
             "|---|---|",
@@ -96,7 +110,7 @@ def _card(checkpoint: Checkpoint) -> str:
             f"## Figures on validation data ({data['validation_samples']} load cases of {data['validation_grasps']} "
             "grasps)",
             "",
-            "These chose the best epochs and tau; test figures come from `aminn evaluate`.",
+            "These chose the best epochs, tau and what corrects `bound_95`; test figures come from `aminn evaluate`.",
             "",
             "| figure | value |",
             "|---|---|",
@@ -104,6 +118,8 @@ def _card(checkpoint: Checkpoint) -> str:
             "",
             "## Limits",
             "",
+            f"- `p_slide` {_SLIDES[meta['sure']['p_slide']]}. `bound_95` was corrected on the validation data: it "
+            "holds for grasps, tools and loads like theirs, over all of them and not for each.",
             f"- One hand, simulated, quasi-static loads, {CONTACTS[hand.contact.kind]}: for ranges see the manifest.",
             friction,
             "- Displacements are trained on stable cases: where `p_stable` is below tau, `dx_ht` means nothing.",

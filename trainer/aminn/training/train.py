@@ -1,4 +1,4 @@
-"""Train a cascade: stage 1 on every sample, stage 2 on the stable ones, then the threshold tau on validation data.
+"""Train a cascade: stage 1 on every sample, stage 2 on the stable ones, then how sure it is of its motion, and tau.
 
 Bytes depend on data, configuration and seed alone: arithmetic runs on one thread, and the order of the samples comes
 from a generator whose state is part of the run's state (`run_state`). An interrupted or killed run goes on from its
@@ -29,7 +29,8 @@ from aminn_hand.theta import Theta
 from ..data.dataset import MEASURED, Dataset
 from ..data.origin import check_hand
 from ..data.sensors import SEED, draw, drawn, tells_all, truth, with_sensors
-from ..evaluation.metrics import all_figures, calibration_figures, choose_tau, holds, operating_curve, pose_error
+from ..evaluation.evaluate import figures_of, predicted
+from ..evaluation.metrics import choose_tau, operating_curve, pose_error
 from ..evaluation.predict import predict
 from ..hand.symmetry import Reflection
 from ..model.baseline import Mlp, MlpStage, n_parameters
@@ -50,9 +51,10 @@ from .run_state import (
     restore_optimiser,
     save_run,
 )
+from .sure import fit_sure
 
 # To be raised with every change of the trainer that changes what a run results in.
-TRAINING_VERSION = 4
+TRAINING_VERSION = 5
 BOARD = "tensorboard"
 LEAST_GRASPS = {"train": 5, "validation": 2}
 Inputs = dict[str, Tensor]
@@ -423,9 +425,10 @@ def train(
     model = build_model(config.kind, model_config(config.model, parts["train"]) if new else config.model, dataset.hand)
     if finetune is not None:
         model.load_state_dict(finetune.model.state_dict())
-    parts = {name: as_seen(part, model.config) for name, part in parts.items()}
+    seen = {name: as_seen(part, model.config) for name, part in parts.items()}
+    parts = dict(seen)
     if model.config.sensors:
-        parts["validation"] = drawn(parts["validation"], config.sensing)
+        parts["validation"] = drawn(seen["validation"], config.sensing)
     stages = _stages(model, config, parts["train"], parts["validation"], new)
     stages = stages if decided else stages[1:]
     least = {} if new else {stage.name: _validation_loss(stage) for stage in stages}
@@ -435,8 +438,9 @@ def train(
             return finished
         resumed = load_run(out, identity)
         history = _optimise(model, stages, config, mirror, out, identity, resumed, bar_position, tensorboard, least)
+        sure = fit_sure(model, seen["train"], seen["validation"], config.sensing, started=not new)
         meta = _result(model, parts, dataset, None if decided else finetune)
-        meta |= {"seed": config.seed, "identity": identity, "history": history}
+        meta |= {"seed": config.seed, "identity": identity, "history": history, "sure": sure}
         if finetune is not None:
             trained_on = finetune.meta.get("identity", {}).get("data_sha256", "")
             meta["finetuned"] = {"sha256": finetune.sha256, "data_sha256": trained_on, "validation": least}
@@ -517,12 +521,11 @@ def _result(model: Aminn | Mlp, parts: dict[str, Dataset], dataset: Dataset, sta
 
     The threshold is that of `start`, where it is given.
     """
-    validation, manifest, length_m = parts["validation"], dataset.manifest, dataset.hand.length_m
+    validation, manifest = parts["validation"], dataset.manifest
     s, out = validation.samples, predict(model, validation)
-    stable, error = s["stable"] > 0, pose_error(out["dx_ht"], s["dx_ht"], length_m)
+    stable, error = s["stable"] > 0, pose_error(out["dx_ht"], s["dx_ht"], dataset.hand.length_m)
     tau = choose_tau(out["p_stable"], stable, error) if start is None else float(start.meta["tau"])
-    figures = all_figures(s["w_e"], s["dx_ht"], stable, out["dx_ht"], holds(out["p_stable"], tau), length_m)
-    figures |= calibration_figures(out["p_stable"], stable)
+    figures = figures_of(predicted("validation", out, tau), validation)
     return {
         "tau": tau,
         "operating_curve": (start.meta if start else {}).get("operating_curve")
