@@ -129,12 +129,12 @@ def _normalisers(x: dict[str, NDArray]) -> dict[str, NDArray]:
     return found
 
 
-def random_model(hand: Hand, seed: int = 0, told: bool = False) -> Model:
+def random_model(hand: Hand, seed: int = 0, told: bool = False, sensing: bool = False) -> Model:
     """Random weights on the hand's nominal mechanics; eps_m differs by branch and stage as the hand's does."""
     rng, (hc, h, hd) = np.random.default_rng(seed), WIDTHS
     x = random_states(hand, 200, seed + 1)
     tensors = _nominal(hand)
-    counts = {"tendons": hand.dims.tendons, "slides": False, "sensing": False}
+    counts = {"tendons": hand.dims.tendons, "slides": False, "sensing": sensing}
     dims = replace(dims_of(Model(counts, tensors)), factors=Theta(hand).factors if told else 0)
     sizes = {"contact": (hc, dims.contact_input), "trunk1": (h, hc + dims.global_input), "trunk2": (h, h)}
     sizes["head"] = (dims.head, h)
@@ -143,8 +143,9 @@ def random_model(hand: Hand, seed: int = 0, told: bool = False) -> Model:
             tensors[f"{stage}.{layer}_w"] = _random_table(rng, f"{layer}_w", shape)
             tensors[f"{stage}.{layer}_b"] = _random_table(rng, f"{layer}_b", shape[:1])
         found = _normalisers(x)
-        found["global_mean"] = np.append(found["global_mean"], np.full(dims.factors, 0.05))
-        found["global_inv_std"] = np.append(found["global_inv_std"], np.full(dims.factors, 3.0))
+        more = dims.factors + dims.sensing
+        found["global_mean"] = np.append(found["global_mean"], np.full(more, 0.05))
+        found["global_inv_std"] = np.append(found["global_inv_std"], np.full(more, 3.0))
         tensors |= {f"{stage}.{k}": v for k, v in found.items()}
     for layer, shape in {"cls1": (hd, h + dims.aux), "cls2": (1, hd)}.items():
         tensors[f"s1.{layer}_w"] = _random_table(rng, f"{layer}_w", shape)

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from aminn_base.errors import AminnError, WriteError
 from aminn_base.run import run_program
 from aminn_hand.hand import INPUTS, Dims
+from aminn_hand.sensors import UNITS
 
 from .blob import output_words
 from .hand_header import COUNTS, HAND_HEADER, counts_of, hand_header
@@ -53,7 +54,7 @@ class _Rows(ctypes.Structure):
 
 
 class _Inputs(ctypes.Structure):
-    _fields_ = tuple((name, _Rows) for name in (*INPUTS, THETA))
+    _fields_ = tuple((name, _Rows) for name in (*INPUTS, THETA, *UNITS))
 
 
 class LoadLimits(ctypes.Structure):

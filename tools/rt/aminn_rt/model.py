@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from aminn_base.errors import AminnError
 from aminn_base.read import AnyPath, read_bytes, read_text
 from aminn_hand.hand import OUTPUTS, STATE, Dims
+from aminn_hand.sensors import in_full
 
 from .blob import check_blob, dims_in, names_in, tau_in
 from .compiled import ADMISSIBLE_WORDS, ALWAYS_STAGE2, THETA, LoadLimits, Refused, runtime_for
@@ -161,6 +162,11 @@ class Model:
         return self._library.dims
 
     @property
+    def senses(self) -> bool:
+        """Whether the model was trained to see friction, the tool's weight and tendon tensions."""
+        return dims_in(self._blob, self._source).sensing > 0
+
+    @property
     def name(self) -> str:
         """What the model calls itself."""
         return names_in(self._blob)[0]
@@ -220,6 +226,9 @@ class Model:
         j_q: ArrayLike | None = None,
         theta: ArrayLike | None = None,
         *,
+        friction: ArrayLike | None = None,
+        tool_weight: ArrayLike | None = None,
+        tendon_tension: ArrayLike | None = None,
         threads: int = 0,
         always: bool = False,
         strict: bool = False,
@@ -232,19 +241,24 @@ class Model:
 
         theta (N, P) or (P): by how much this hand differs from its description, in the order of `theta_names`; None is
         nominal. Angles and contacts are corrected by it, but where j_x and j_q are given: these are of a state that is.
+        friction, tool_weight, tendon_tension: what a model that senses may be told beside the state; None is not known,
+        as is a row of NaN. friction is "low", "mid" or "high", a coefficient, or (N, 2) coefficient and standard
+        deviation; tool_weight (N, 3) the force of gravity on the tool, N, H; tendon_tension (N, T), N. (N, 3), (N, 4)
+        and (N, 1 + T) say by a 1 or 0 before the numbers whether they are known.
         threads: how many cores to use; 0: all. The numbers are the same bits however many.
         always: the displacement of grasps that are predicted not to hold as well: how far would the tool move if they
         did? Else it is NaN there, and costs no time.
         strict: raise AminnError for a row that cannot be predicted from, instead of giving its status.
 
-        Raises AminnError for arrays of another shape.
+        Raises AminnError for arrays of another shape, and for sensors that the model does not see.
         """
-        given = {"q": q, "x_ht": x_ht, "w_e": w_e, "contacts": contacts}
+        given: dict[str, ArrayLike] = {"q": q, "x_ht": x_ht, "w_e": w_e, "contacts": contacts}
         if (j_x is None) != (j_q is None):
             raise AminnError("predict: give both j_x and j_q, or neither")
         if j_x is not None and j_q is not None:
             given |= {"j_x": j_x, "j_q": j_q}
-        rows = self._rows(given, theta)
+        told = {"friction": friction, "tool_weight": tool_weight, "tendon_tension": tendon_tension}
+        rows = self._rows(given, theta, told)
         batch = self._batches[ALWAYS_STAGE2 if always else 0]
         outputs, _, status = self._library.predict(batch, rows.places, rows.n, cores(threads))
         return self._strictly(strict, self._prediction(outputs, status))
@@ -258,6 +272,9 @@ class Model:
         direction: ArrayLike,
         theta: ArrayLike | None = None,
         *,
+        friction: ArrayLike | None = None,
+        tool_weight: ArrayLike | None = None,
+        tendon_tension: ArrayLike | None = None,
         max_translation: float,
         max_rotation: float,
         margin: float = 1.0,
@@ -269,8 +286,8 @@ class Model:
     ) -> Admissible:
         """The largest load along a direction that each of N grasps is predicted to bear.
 
-        States, theta, threads and strict are as for `predict`. w_e (N, 6) is the part of the load that is there anyway,
-        direction (N, 6) that which is scaled: N, N.m, axes of H.
+        States, theta, sensors, threads and strict are as for `predict`. w_e (N, 6) is the part of the load that is
+        there anyway, direction (N, 6) that which is scaled: N, N.m, axes of H.
 
         max_translation (m) and max_rotation (rad) bound the predicted motion, to which margin times `bound_95` is added
         (as a length times the hand's `length_m`). p_stable is the least probability that the grasp holds; below the
@@ -280,7 +297,8 @@ class Model:
         Raises AminnError for arrays of another shape, and for limits that are none.
         """
         given = {"q": q, "x_ht": x_ht, "w_e": w_e, "contacts": contacts, DIRECTION: direction}
-        rows = self._rows(given, theta, {DIRECTION: self.dims.inputs["w_e"]})
+        told = {"friction": friction, "tool_weight": tool_weight, "tendon_tension": tendon_tension}
+        rows = self._rows(given, theta, told, {DIRECTION: self.dims.inputs["w_e"]})
         limits = _limits(
             {
                 "max_translation": max_translation,
@@ -304,10 +322,19 @@ class Model:
         self,
         given: dict[str, ArrayLike],
         theta: ArrayLike | None,
+        told: Mapping[str, ArrayLike | None],
         others: Mapping[str, tuple[int, ...]] = MappingProxyType({}),
     ) -> _Rows:
-        """Arrays of states, and others of these shapes, as the library takes them."""
-        shapes = self.dims.inputs | dict(others)
+        """Arrays of states and sensors, and others of these shapes, as the library takes them."""
+        sensors = self.dims.sensors
+        shapes = self.dims.inputs | sensors | dict(others)
+        for name, value in told.items():
+            if value is None:
+                continue
+            if not self.senses or name not in sensors:
+                why = "was trained without sensors" if name in sensors else "is of a hand without tendons"
+                raise AminnError(f"predict: {name} is given, and the model {why}; leave it out")
+            given[name] = in_full(name, value, sensors[name][0])
         if theta is not None:
             given, shapes = given | {THETA: theta}, shapes | {THETA: (len(self.theta_names),)}
         n, arrays = rows_of(shapes, given)

@@ -44,12 +44,12 @@ def statuses(inputs: Mapping[str, NDArray]) -> NDArray[np.int32]:
     with np.errstate(invalid="ignore", over="ignore"):
         length = np.linalg.norm(contacts[..., 4:7], axis=-1)
         rules = (
+            (Status.SENSORS, np.any([np.zeros(len(contacts), bool), *sensors], 0)),
             (Status.NO_CONTACT, ~(flag > 0).any(1)),
             (Status.ROTATION, np.linalg.norm(x["x_ht"][:, 3:].astype(np.float64), axis=1) > MAX_ROTATION_RAD),
             (Status.NORMAL, ((flag > 0) & ~(np.abs(length - 1) <= NORMAL_TOLERANCE)).any(1)),
             (Status.CONTACT_FLAG, ((flag < 0) | (flag > 1)).any(1)),
             (Status.NONFINITE, ~np.all([np.isfinite(v).all(tuple(range(1, v.ndim))) for v in x.values()], 0)),
-            (Status.SENSORS, np.any([np.zeros(len(contacts), bool), *sensors], 0)),
             (Status.CALIBRATION, (np.abs(theta) > theta_bounds(theta.shape[1], x["q"].shape[1])).any(1)),
             (Status.NONFINITE, ~np.isfinite(theta).all(1)),
         )

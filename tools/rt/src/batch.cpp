@@ -32,6 +32,8 @@ struct Worker {
     aminn_t ctx;
     aminn_calibration_t calibration; // it stays where it is
     aminn_status_t calibrated;
+    aminn_sensors_t sensors; // nor do they
+    aminn_status_t sensing;
 };
 
 // One row's numbers into place.
@@ -75,6 +77,32 @@ aminn_state_t state_of(const aminn_batch_inputs_t &inputs, size_t i)
     return state;
 }
 
+template <class T>
+void gather_told(const aminn_batch_rows_t &rows, size_t i, T &field)
+{
+    if (rows.first != nullptr) {
+        gather(rows, i, field);
+    }
+}
+
+// Tell the context a row's sensors, if there are any.
+aminn_status_t sense(Worker &worker, const aminn_batch_inputs_t &inputs, size_t i, bool first)
+{
+    if (inputs.friction.first == nullptr && inputs.tool_weight.first == nullptr &&
+        inputs.tendon_tension.first == nullptr) {
+        return AMINN_OK;
+    }
+    gather_told(inputs.friction, i, worker.sensors.friction);
+    gather_told(inputs.tool_weight, i, worker.sensors.tool_weight);
+#if AMINN_N_TENDON > 0
+    gather_told(inputs.tendon_tension, i, worker.sensors.tendon_tension);
+#endif
+    if (first) {
+        worker.sensing = aminn_sense(&worker.ctx, &worker.sensors);
+    }
+    return worker.sensing;
+}
+
 aminn_status_t predict(aminn_t &ctx, const aminn_batch_inputs_t &inputs, size_t i, aminn_output_t &out)
 {
     const aminn_state_t state = state_of(inputs, i);
@@ -95,7 +123,7 @@ aminn_status_t refuse(aminn_status_t status, aminn_admissible_t &found)
     return refuse(status, found.at);
 }
 
-// row(worker, i, status of its theta) for n rows, shared by threads.
+// row(worker, i, status of its theta and of its model's sensors) for n rows, shared by threads.
 template <class Row>
 void over_rows(const aminn_batch_t &batch, const aminn_batch_inputs_t &inputs, size_t n, unsigned threads, Row row)
 {
@@ -109,6 +137,8 @@ void over_rows(const aminn_batch_t &batch, const aminn_batch_inputs_t &inputs, s
             if (inputs.theta.first != nullptr) {
                 status = calibrate(batch, worker, inputs.theta, i, i == begin);
             }
+            const aminn_status_t sensing = sense(worker, inputs, i, i == begin);
+            status = status == AMINN_OK ? sensing : status;
             row(worker, i, status);
         }
     };

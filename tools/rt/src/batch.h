@@ -24,8 +24,8 @@ typedef struct aminn_batch_rows {
     size_t step;
 } aminn_batch_rows_t;
 
-/* Rows of aminn_state_t, or of aminn_input_t where j_x and j_q are not null, field by field; and, where it is not null, of
- * theta. */
+/* Rows of aminn_state_t, or of aminn_input_t where j_x and j_q are not null, field by field; and, where they are not null, of
+ * theta, and of the fields of aminn_sensors_t. */
 typedef struct aminn_batch_inputs {
     aminn_batch_rows_t q;
     aminn_batch_rows_t x_ht;
@@ -34,6 +34,9 @@ typedef struct aminn_batch_inputs {
     aminn_batch_rows_t j_x;
     aminn_batch_rows_t j_q;
     aminn_batch_rows_t theta;
+    aminn_batch_rows_t friction;
+    aminn_batch_rows_t tool_weight;
+    aminn_batch_rows_t tendon_tension; /* null of a hand without tendons */
 } aminn_batch_inputs_t;
 
 /*
@@ -50,7 +53,8 @@ void aminn_batch_ranges(const aminn_batch_t *batch, float *smallest, float *larg
 
 /*
  * Predict n rows, each as aminn_predict_state() or aminn_predict() does, so that the number of threads changes no bit. A row's
- * theta is set with aminn_calibration_set(), which says so first where it cannot be.
+ * theta is set with aminn_calibration_set(), which says so first where it cannot be; its sensors with aminn_sense(), which
+ * refuses all rows of a model that sees none.
  *
  *   threads   at most so many, 1 or more; fewer where there are few rows.
  *   outputs   (n) written.

@@ -249,7 +249,7 @@ class RuntimeEngine(Engine):
 
     @property
     def senses(self) -> bool:
-        return self.model.dims.sensing > 0
+        return self.model.senses
 
     def run(self, x: Arrays, threads: int) -> Outputs:
         state = {name: x[name] for name in STATE}
