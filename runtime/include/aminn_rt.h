@@ -526,8 +526,11 @@ extern const aminn_calibrator_settings_t aminn_calibrator_defaults;
 #define AMINN_PUSH_SLIPPED 3u /* no hand within the bounds moves so: not used */
 #define AMINN_PUSH_WORSE 4u   /* theta would have predicted this very push worse than before, and stays as it is */
 
-/* Learns theta's factors from pushes, one at a time. The caller owns it; it stays where it was initialised. Read what you
- * like, write nothing. */
+/* Coefficients of friction, evenly from 0.4 to 1.1, whose likelihood a calibrator keeps. */
+#define AMINN_N_COEFFICIENT 16
+
+/* Learns theta's factors from pushes, one at a time, and the friction of the present grasp. The caller owns it; it stays where it
+ * was initialised. Read what you like, write nothing. */
 typedef struct aminn_calibrator {
     aminn_calibration_t calibration; /* so far, for aminn_calibrate() */
     aminn_calibrator_settings_t settings;
@@ -536,6 +539,9 @@ typedef struct aminn_calibrator {
     uint32_t outcome;                                            /* AMINN_PUSH_... of the latest */
     float grasp[AMINN_N_JOINT + AMINN_N_WRENCH];                 /* q and x_ht of the present grasp's first push */
     float covariance[AMINN_N_FACTOR * (AMINN_N_FACTOR + 1) / 2]; /* of the logarithms: 00 10 11 20 21 22 .. */
+#if AMINN_N_SLIDE
+    float friction[AMINN_N_COEFFICIENT]; /* likelihood of each coefficient in the present grasp, the largest is 1 */
+#endif
 } aminn_calibrator_t;
 
 /* ---- Largest load ---------------------------------------------------------------------------------------------- */
@@ -758,12 +764,30 @@ aminn_status_t aminn_calibrator_init(aminn_calibrator_t *calibrator, const aminn
  * Give all pushes of one grasp one after another: each further one of a grasp counts less, since the model errs alike on
  * them. A grasp is the same where no joint has turned by more than 0.02 rad, nor the tool moved by more than 2 mm.
  *
+ * Where contacts can slide (AMINN_N_SLIDE) and ctx is told of sensors (aminn_sense()), each push also says something of the
+ * friction of its grasp, whatever becomes of theta: aminn_calibrator_friction(). It starts anew with each grasp.
+ *
  * Takes less than two predictions. Returns AMINN_OK: see calibrator->outcome; AMINN_E_NULL; AMINN_E_NOT_INITIALISED;
  * AMINN_E_CALIBRATION where the calibrator is not of the context's model, or was moved; for a bad state or displacement what
  * aminn_predict_state() returns; AMINN_E_NUMERIC where the statics or the fit are not finite.
  */
 aminn_status_t aminn_calibrate_push(aminn_t *ctx, aminn_calibrator_t *calibrator, const aminn_state_t *before,
                                     const float dx_ht[AMINN_N_WRENCH]);
+
+/*
+ * What is known of friction by the pushes of the present grasp and by a sensor, as aminn_sensors_t.friction takes it.
+ *
+ *   calibrator  as aminn_calibrate_push() left it.
+ *   state       of which it is asked. Where it is of another grasp than the latest push, only the sensor counts.
+ *   sensor      what else is known of friction, in the form of aminn_sensors_t.friction; null: nothing. Not what this function has
+ *               written, which would count the pushes twice.
+ *   friction    written (3): known (0 or 1), coefficient, standard deviation. All zeros where nothing is known.
+ *
+ * Returns AMINN_OK, AMINN_E_NULL, or AMINN_E_SENSORS for a sensor that aminn_sense() would refuse; after an error friction is
+ * as it was.
+ */
+aminn_status_t aminn_calibrator_friction(const aminn_calibrator_t *calibrator, const aminn_state_t *state,
+                                         const float sensor[3], float friction[3]);
 
 /* Standard deviation of the logarithm of factor i, 0 .. AMINN_N_FACTOR - 1, so far; one near the setting `prior` says that
  * no push told it. 0 for another i, or null. */

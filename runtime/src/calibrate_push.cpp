@@ -6,7 +6,8 @@
 //   dx = sum_b c_b P_b^T (deps - B K^-1 dK K^-1 B^T) P_b w,   P_b = M^-1 A_b K_x^-1,   M = B K^-1 B^T + eps I
 //
 // Rows c^1/2 M^-1/2 A_b of all branches, below them eps_kx, are Q R with K_x = R^T R: their product with K_x^-1 is Q R^-T, which
-// needs no stiffness formed, and P w is the force on the contact. What the networks say is held. Of the head's correction,
+// needs no stiffness formed, and P w is the force on the contact. What the networks say is held, and how much contacts slide.
+// Of the head's correction,
 // L = L(nominal) changed entry by entry, the factor T = L L(nominal)^-1 is held: dK = T d(nominal K) T^T. Both are good enough
 // for the step's direction, and each step is tried: one that predicts its own push worse than before is not taken.
 //
@@ -27,6 +28,9 @@ constexpr float kSlipped = 400.0F;      // and above which not at all
 constexpr float kLeastVariance = 1e-6F; // of a logarithm, so that rounding leaves a covariance
 constexpr float kSameJoint = 0.02F;     // rad: what a joint may turn by from push to push of one grasp
 constexpr float kSameTool = 0.002F;     // m, rotations times length_scale: and the tool move by
+#if AMINN_N_SLIDE
+constexpr float kPressed = 0.01F; // N: the least normal force
+#endif
 
 template <int n, int m>
 using Matrix = float[n][m];
@@ -93,8 +97,8 @@ struct Branch {
     Matrix<kSeen, 3> seen;
 };
 
-// A branch after a prediction; `rows` become c^1/2 M^-1/2 A.
-void look_at(const aminn_t &ctx, int b, Branch &branch, Matrix<3, kMotion> &rows)
+// A branch after a prediction, with its contact sliding or as if it did not; `rows` become c^1/2 M^-1/2 A.
+void look_at(const aminn_t &ctx, int b, bool sliding, Branch &branch, Matrix<3, kMotion> &rows)
 {
     const aminn_stage_debug_t &stage = ctx.stage[1];
     const aminn_input_t &in = ctx.input;
@@ -126,6 +130,15 @@ void look_at(const aminn_t &ctx, int b, Branch &branch, Matrix<3, kMotion> &rows
                 sum = add_product(sum, row[i], row[k]);
             }
             soft[i][k] = sum;
+        }
+    }
+    if constexpr (kSliding) {
+        const float slide = sliding ? stage.slide[b] : 0.0F;
+        const float *normal = in.contacts[b] + 4;
+        for (int i = 0; i < 3; ++i) {
+            for (int k = 0; k <= i; ++k) {
+                soft[i][k] = add_product(soft[i][k], slide, (i == k ? 1.0F : 0.0F) - normal[i] * normal[k]);
+            }
         }
     }
     factor<3>(soft);
@@ -214,21 +227,24 @@ void respond(Matrix<kRows, kMotion> &rows)
     }
 }
 
-// d x / d logarithm of each factor, after a prediction with AMINN_FLAG_DEBUG.
-[[gnu::noinline]] void find_slopes(const aminn_t &ctx, const float *theta, Slopes &slopes)
+// The tool and all branches after a prediction with AMINN_FLAG_DEBUG.
+struct Grasp {
+    Branch branch[kBranch];
+    Matrix<kRows, kMotion> rows; // Q R^-T
+    float w[kMotion];
+};
+
+[[gnu::noinline]] void look(const aminn_t &ctx, bool sliding, Grasp &grasp)
 {
     const aminn_model_t &model = *ctx.model;
     const aminn_input_t &in = ctx.input;
     const float inv_length = 1.0F / model.length_scale;
     const float scale[kMotion] = {1.0F, 1.0F, 1.0F, inv_length, inv_length, inv_length};
-    Matrix<kRows, kMotion> rows;
-    Branch branch[kBranch];
-    float w[kMotion];
+    Matrix<kRows, kMotion> &rows = grasp.rows;
     std::memset(rows, 0, sizeof rows);
-    std::memset(slopes, 0, sizeof slopes);
     const float root_eps_kx = root(model.stage[1].eps_kx);
     for (int i = 0; i < kMotion; ++i) {
-        w[i] = in.w_e[i] * scale[i];
+        grasp.w[i] = in.w_e[i] * scale[i];
         rows[kRows - kMotion + i][i] = root_eps_kx * scale[i];
     }
     for (int b = 0; b < kBranch; ++b) {
@@ -238,7 +254,7 @@ void respond(Matrix<kRows, kMotion> &rows)
                 own[k][i] = in.j_x[b][k][i] * scale[i];
             }
         }
-        look_at(ctx, b, branch[b], own);
+        look_at(ctx, b, sliding, grasp.branch[b], own);
         std::memcpy(rows[3 * b], own, sizeof own);
         if constexpr (kTwisted) { // run_motion() leaves the contacts' stiffnesses there
             const float *contact = in.contacts[b];
@@ -249,6 +265,15 @@ void respond(Matrix<kRows, kMotion> &rows)
         }
     }
     respond(rows);
+}
+
+// d x / d logarithm of each factor
+[[gnu::noinline]] void find_slopes(const aminn_t &ctx, const Grasp &grasp, const float *theta, Slopes &slopes)
+{
+    const aminn_model_t &model = *ctx.model;
+    const Matrix<kRows, kMotion> &rows = grasp.rows;
+    const float *w = grasp.w;
+    std::memset(slopes, 0, sizeof slopes);
     float factors[AMINN_N_STIFF];
     for (int p = 0; p < AMINN_N_STIFF; ++p) {
         factors[p] = exponential(theta[p]);
@@ -260,7 +285,7 @@ void respond(Matrix<kRows, kMotion> &rows)
             for (int i = 0; i < kMotion; ++i) {
                 float sum = 0.0F;
                 for (int j = 0; j < 3; ++j) {
-                    sum = add_product(sum, branch[b].seen[k][j], rows[3 * b + j][i]);
+                    sum = add_product(sum, grasp.branch[b].seen[k][j], rows[3 * b + j][i]);
                 }
                 by_load[k][i] = sum;
             }
@@ -397,20 +422,6 @@ float try_push(aminn_t &ctx, uint32_t flags, Push &push)
     return inner(push.error, push.error, kMotion);
 }
 
-bool same_grasp(const aminn_calibrator_t &c, const aminn_state_t &state)
-{
-    bool same = c.in_grasp != 0;
-    for (int i = 0; i < AMINN_N_JOINT; ++i) {
-        same &= std::fabs(state.q[i] - c.grasp[i]) <= kSameJoint;
-    }
-    const float length = c.calibration.model->length_scale;
-    for (int i = 0; i < kMotion; ++i) {
-        const float moved = state.x_ht[i] - c.grasp[AMINN_N_JOINT + i];
-        same &= std::fabs(i < 3 ? moved : moved * length) <= kSameTool;
-    }
-    return same;
-}
-
 // Changes theta within bounds; true where the whole step was taken.
 bool step(const aminn_calibrator_settings_t &settings, const float *change, float *theta)
 {
@@ -450,12 +461,78 @@ float variance_of(const aminn_calibrator_settings_t &settings, uint32_t n, const
            (settings.noise_m * settings.noise_m + share * (moved < expected ? moved : expected));
 }
 
+#if AMINN_N_SLIDE
+// What a push says of friction, from the grasp as if no contact slid.
+PushedFriction judge(const aminn_t &ctx, const Grasp &grasp, const float *measured)
+{
+    const aminn_model_t &model = *ctx.model;
+    float motion[kMotion] = {};
+    float strain[kRows];
+    for (int r = 0; r < kRows; ++r) {
+        strain[r] = inner(grasp.rows[r], grasp.w, kMotion);
+        for (int i = 0; i < kMotion; ++i) {
+            motion[i] = add_product(motion[i], strain[r], grasp.rows[r][i]);
+        }
+    }
+    PushedFriction trial = {0.0F, 0.0F, 0.0F};
+    for (int b = 0; b < kBranch; ++b) {
+        const float *contact = ctx.input.contacts[b];
+        const float *normal = contact + 4;
+        const float share = root(contact[0]) / root(ctx.varied->eps_m[1][b]);
+        float force[3];
+        for (int i = 0; i < 3; ++i) {
+            force[i] = share * inner(grasp.branch[b].seen[kForce + i], strain + 3 * b, 3);
+        }
+        const float along = inner(force, normal, 3);
+        float square = 0.0F;
+        for (int i = 0; i < 3; ++i) {
+            const float across = ctx.stage[1].preload[b][i] - subtract_product(force[i], along, normal[i]);
+            square = add_product(square, across, across);
+        }
+        const float left = contact[7] - along;
+        const float asked = contact[0] * root(square) / (left > kPressed ? left : kPressed);
+        trial.asked = asked > trial.asked ? asked : trial.asked;
+    }
+    const float length = root(inner(motion, motion, 3)) / model.max_translation;
+    const float angle = root(inner(motion + 3, motion + 3, 3)) / (model.max_rotation * model.length_scale);
+    const float largest = length > angle ? length : angle;
+    const float kept = largest > 1.0F ? 1.0F / largest : 1.0F;
+    for (int i = 0; i < kMotion; ++i) {
+        const float cut = kept * motion[i];
+        const float further = measured[i] - cut;
+        trial.off = add_product(trial.off, further, further);
+        trial.size = add_product(trial.size, cut, cut);
+    }
+    return trial;
+}
+
+bool any_slides(const aminn_t &ctx)
+{
+    bool any = false;
+    for (const float slide : ctx.stage[1].slide) {
+        any |= slide > 0.0F;
+    }
+    return any;
+}
+#endif
+
 // The push in ctx.input, the n-th of its grasp, with the calibrator's tables in use.
 aminn_status_t learn(aminn_t &ctx, aminn_calibrator_t &c, uint32_t n, Push &push)
 {
     const float before = try_push(ctx, AMINN_FLAG_DEBUG, push);
     push.belief.variance = variance_of(c.settings, n, push);
-    find_slopes(ctx, c.calibration.theta, push.slopes);
+    Grasp grasp;
+    look(ctx, true, grasp);
+    find_slopes(ctx, grasp, c.calibration.theta, push.slopes);
+#if AMINN_N_SLIDE
+    PushedFriction friction{};
+    if (ctx.sensors != nullptr) {
+        if (any_slides(ctx)) {
+            look(ctx, false, grasp);
+        }
+        friction = judge(ctx, grasp, push.measured);
+    }
+#endif
     absorb(c, push);
     const float squares = push.belief.squares;
     if (squares > kDoubtful) {
@@ -466,6 +543,14 @@ aminn_status_t learn(aminn_t &ctx, aminn_calibrator_t &c, uint32_t n, Push &push
         !all_finite(reinterpret_cast<const float *>(&push.belief), sizeof push.belief / sizeof(float))) {
         return AMINN_E_NUMERIC;
     }
+#if AMINN_N_SLIDE
+    if (n == 1) {
+        forget_friction(c);
+    }
+    if (ctx.sensors != nullptr) {
+        narrow_friction(c, friction, ctx.sensors->tool_weight[0] != 0.0F);
+    }
+#endif
     if (squares > kSlipped) {
         c.outcome = AMINN_PUSH_SLIPPED;
         return AMINN_OK;
@@ -511,6 +596,20 @@ bool begins_within(float bound, const float *theta)
 }
 
 } // namespace
+
+bool same_grasp(const aminn_calibrator_t &c, const aminn_state_t &state)
+{
+    bool same = c.in_grasp != 0;
+    for (int i = 0; i < AMINN_N_JOINT; ++i) {
+        same &= std::fabs(state.q[i] - c.grasp[i]) <= kSameJoint;
+    }
+    const float length = c.calibration.model->length_scale;
+    for (int i = 0; i < kMotion; ++i) {
+        const float moved = state.x_ht[i] - c.grasp[AMINN_N_JOINT + i];
+        same &= std::fabs(i < 3 ? moved : moved * length) <= kSameTool;
+    }
+    return same;
+}
 } // namespace aminn
 
 using namespace aminn;
@@ -536,6 +635,9 @@ aminn_status_t aminn_calibrator_init(aminn_calibrator_t *calibrator, const aminn
     calibrator->in_grasp = 0;
     calibrator->outcome = AMINN_PUSH_NONE;
     std::memset(calibrator->grasp, 0, sizeof calibrator->grasp);
+#if AMINN_N_SLIDE
+    forget_friction(*calibrator);
+#endif
     std::memset(calibrator->covariance, 0, sizeof calibrator->covariance);
     for (int i = 0; i < kFactors; ++i) {
         calibrator->covariance[packed(i, i)] = chosen.prior * chosen.prior;

@@ -30,6 +30,23 @@ inline aminn_status_t take_sensors(aminn_t &ctx, const aminn_input_t &in)
     return ctx.sense != nullptr ? ctx.sense(&ctx, &in) : AMINN_OK;
 }
 
+// calibrate_push.cpp: whether the state is of the grasp of the latest push
+bool same_grasp(const aminn_calibrator_t &c, const aminn_state_t &state);
+
+#if AMINN_N_SLIDE
+// What a push says of friction.
+struct PushedFriction {
+    float asked; // coefficient that the load asks for if no contact slides
+    float off;   // square of the motion beyond that of contacts that stick, m^2
+    float size;  // square of the latter, m^2
+};
+
+// calibrate_friction.cpp: the likelihood of a new grasp's friction, and after one more push; `sure` where the tool's weight is
+// known, and so the preload
+void forget_friction(aminn_calibrator_t &c);
+void narrow_friction(aminn_calibrator_t &c, const PushedFriction &push, bool sure);
+#endif
+
 // cascade.cpp, compiled for each instruction set
 #define AMINN_CORE_FUNCTIONS                                                                                \
     /* a prediction from a checked input; false if a stage's results are not sound */                       \

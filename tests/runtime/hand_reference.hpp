@@ -451,7 +451,7 @@ inline void run_stage(const aminn_model_t &model, int i, const aminn_input_t &in
     }
     for (int k = AMINN_N_GLOBAL_INPUT; k < kGlobal; ++k) {
         const int at = k - AMINN_N_GLOBAL_INPUT;
-        const double number = at < kTold ? static_cast<double>(told_factors()[at]) : told.sensed[at - kTold];
+        const double number = at < kTold ? static_cast<double>(model.nominal.told[at]) : told.sensed[at - kTold];
         trunk[kContactWidth + k] = normal(number, s.global_mean, s.global_inv_std, k);
     }
     dense(s.trunk1_w, s.trunk1_b, trunk, kTrunkInput, kWidth, true, hidden);

@@ -441,6 +441,107 @@ static void wrong_settings_are_refused(void)
     assert_refused(AMINN_E_NULL, aminn_calibrator_init(NULL, &model, NULL, NULL));
 }
 
+static const float nothing[3] = {0.0F, 0.0F, 0.0F};
+static const float broad[3] = {1.0F, 0.75F, 0.1F}, exact[3] = {1.0F, 0.6F, 0.0F};
+
+static void assert_friction(const float *wanted, const aminn_state_t *state, const float *sensor, float tolerance)
+{
+    float friction[3] = {7.0F, 7.0F, 7.0F};
+    int i;
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_calibrator_friction(&calibrator, state, sensor, friction));
+    for (i = 0; i < 3; ++i) {
+        TEST_ASSERT_FLOAT_WITHIN(tolerance, wanted[i], friction[i]);
+    }
+}
+
+static void wrong_sensors_are_refused(void)
+{
+    static const float wrong[][3] = {
+        {0.5F, 0.75F, 0.1F}, {1.0F, 0.0F, 0.1F}, {1.0F, 0.75F, -0.1F}, {1.0F, NAN, 0.1F}, {0.0F, 0.0F, INFINITY}};
+    float friction[3] = {7.0F, 8.0F, 9.0F};
+    const float kept[3] = {7.0F, 8.0F, 9.0F};
+    size_t i;
+    for (i = 0; i < sizeof wrong / sizeof *wrong; ++i) {
+        TEST_ASSERT_EQUAL_INT(AMINN_E_SENSORS, aminn_calibrator_friction(&calibrator, &states[0], wrong[i], friction));
+    }
+    TEST_ASSERT_EQUAL_INT(AMINN_E_NULL, aminn_calibrator_friction(NULL, &states[0], NULL, friction));
+    TEST_ASSERT_EQUAL_INT(AMINN_E_NULL, aminn_calibrator_friction(&calibrator, NULL, NULL, friction));
+    TEST_ASSERT_EQUAL_INT(AMINN_E_NULL, aminn_calibrator_friction(&calibrator, &states[0], NULL, NULL));
+    TEST_ASSERT_EQUAL_MEMORY(kept, friction, sizeof kept);
+}
+
+/* Before any push, of another grasp, and where no sensor is asked for, pushes say nothing of friction. */
+static void friction_is_that_of_the_present_grasp(void)
+{
+    assert_friction(nothing, &states[0], NULL, 0.0F);
+    assert_friction(broad, &states[0], broad, 0.0F);
+    PUSH(0);
+    assert_friction(nothing, &states[0], NULL, 0.0F);
+    states[1] = states[0];
+    states[1].q[0] += 0.1F;
+    assert_friction(broad, &states[1], broad, 0.0F);
+    assert_friction(exact, &states[0], exact, 0.0F);
+}
+
+#if AMINN_N_SLIDE
+static void likely_between(int first, int last)
+{
+    int k;
+    for (k = 0; k < AMINN_N_COEFFICIENT; ++k) {
+        calibrator.friction[k] = k >= first && k <= last ? 1.0F : 1e-6F;
+    }
+}
+
+static void friction_is_put_together_with_a_sensor(void)
+{
+    static const float huge[3] = {1.0F, 1e20F, 1e20F}, low[3] = {1.0F, 0.47F, 0.0522F};
+    float friction[3];
+    PUSH(0);
+    likely_between(0, AMINN_N_COEFFICIENT - 1);
+    assert_friction(nothing, &states[0], NULL, 0.0F);
+    assert_friction(broad, &states[0], broad, 1e-3F);
+    assert_friction(huge, &states[0], huge, 0.0F);
+    likely_between(0, 3);
+    assert_friction(low, &states[0], NULL, 2e-3F);
+    likely_between(8, AMINN_N_COEFFICIENT - 1);
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_calibrator_friction(&calibrator, &states[0], broad, friction));
+    TEST_ASSERT_TRUE(friction[1] > 0.79F && friction[1] < 0.87F && friction[2] < 0.08F);
+}
+
+/* those that stick, those that slide, and far beyond the limits of a motion; with and without the tool's weight */
+static void pushes_narrow_friction(void)
+{
+    static aminn_sensors_t sensors;
+    float least = 1.0F;
+    int i, k, way;
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_sense(&ctx, &sensors));
+    for (way = 0; way < 4; ++way) {
+        sensors.tool_weight[0] = way % 2 == 0 ? 0.0F : 1.0F;
+        sensors.tool_weight[3] = -1.5F;
+        for (i = 0; i < PUSHES; ++i) {
+            float most = 0.0F;
+            for (k = 0; k < AMINN_N_WRENCH; ++k) {
+                states[i].w_e[k] *= way < 2 ? 1.0F : 10.0F;
+                measured[i][k] *= way == 3 ? 3.0F : 1.0F;
+            }
+            start(NULL);
+            PUSH(i);
+            for (k = 0; k < AMINN_N_COEFFICIENT; ++k) {
+                const float likelihood = calibrator.friction[k];
+                TEST_ASSERT_TRUE(likelihood >= 1e-6F && likelihood <= 1.0F);
+                most = fmaxf(most, likelihood);
+                least = fminf(least, likelihood);
+            }
+            TEST_ASSERT_EQUAL_FLOAT(1.0F, most);
+        }
+    }
+    TEST_ASSERT_TRUE(least < 0.1F);
+    sensors.friction[0] = 0.5F;
+    memcpy(&untouched, &calibrator, sizeof calibrator);
+    assert_refused(AMINN_E_SENSORS, push(0));
+}
+#endif
+
 /* the header's promise: less than 2 kB beyond the calibration that it holds */
 static void a_calibrator_is_small(void)
 {
@@ -464,6 +565,12 @@ int main(void)
     RUN_TEST(contexts_keep_what_they_predict_for);
     RUN_TEST(wrong_pushes_change_nothing);
     RUN_TEST(wrong_settings_are_refused);
+    RUN_TEST(wrong_sensors_are_refused);
+    RUN_TEST(friction_is_that_of_the_present_grasp);
+#if AMINN_N_SLIDE
+    RUN_TEST(friction_is_put_together_with_a_sensor);
+    RUN_TEST(pushes_narrow_friction);
+#endif
     RUN_TEST(a_calibrator_is_small);
     return UNITY_END();
 }

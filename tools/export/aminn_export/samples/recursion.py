@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from aminn_hand.hand import STATE
 
-from ..files.tables import Exported
+from ..files.tables import Exported, pair_of
 from .adversarial import closure
+from .friction import NOTHING, UNKNOWN, Statics, combined, evidence, learned
 from .reference import Array, Reference
 
 LEARNED, DOUBTED, SLIPPED, WORSE = 1, 2, 3, 4
@@ -45,6 +46,8 @@ class Recursion:
         joints = int(self.model.t["coord_mask"].sum())
         self.theta = np.zeros(self.model.factors + joints + 1) if theta is None else np.array(theta, float)
         self.covariance = np.eye(self.model.factors) * self.settings.prior**2
+        self.likelihoods = NOTHING
+        """Of the friction of the present grasp."""
         self._grasp: Array | None = None
         self._in_grasp = 0
 
@@ -52,6 +55,10 @@ class Recursion:
     def sd(self) -> Array:
         """(F) standard deviation of each logarithm."""
         return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    def friction(self, sensor: NDArray = UNKNOWN) -> Array:
+        """`friction` (3) of the present grasp with what a sensor says, as `aminn_calibrator_friction()`."""
+        return combined(self.likelihoods, np.asarray(sensor, float))
 
     def corrected(self, state: Mapping[str, NDArray]) -> dict[str, Array]:
         """Inputs of the model (1, ...) of a measured state q (J), x_ht (6), w_e (6), contacts (B, 8)."""
@@ -80,7 +87,9 @@ class Recursion:
             d, taut = out["s2_tendon_dir"][b], out["s2_tendon_gain"][b] * out["s2_gate"][b]
             k = out["s2_k_spring"][b] + taut * np.outer(d, d)
             c_bt = np.linalg.solve(k, b_t)  # (C, 3)
-            wa = np.linalg.solve(b_t.T @ c_bt + eps * np.eye(3), a)  # (3, 6)
+            n = x["contacts"][0, b, 4:7]
+            soft = b_t.T @ c_bt + eps * np.eye(3) + out["s2_slide"][b] * (np.eye(3) - np.outer(n, n))
+            wa = np.linalg.solve(soft, a)  # (3, 6)
             force, out_by = wa @ dx, flag * inverse @ wa.T  # (3), (6, 3)
             slopes[:, m.stiff + b] = out_by @ (eps * force)
             nominal = np.zeros((m.c, m.c))
@@ -124,11 +133,28 @@ class Recursion:
         new = self._grasp is None or bool((np.abs(now - self._grasp) > most).any())
         self._grasp, self._in_grasp = (now, 1) if new else (self._grasp, self._in_grasp + 1)
 
-    def push(self, state: Mapping[str, NDArray], dx_ht: NDArray) -> int:
-        """Learn from a measured state and displacement (6); what became of it."""
+    def _narrow(self, x: dict[str, Array], dx_ht: Array) -> None:
+        """Learn friction from what moved the tool by dx_ht (6)."""
+        stage = {k.removeprefix("s2_"): v for k, v in self.motion(x, self.theta).items() if k.startswith("s2_")}
+        meta, softer = self.model.meta, self.model.varied(x | {"theta": self.theta[None]})["softer"][0]
+        limits = float(meta["max_translation"]), float(meta["max_rotation"])
+        length_m, eps_kx = 1 / float(self.model.s[-1]), pair_of(meta["eps_kx"])[1]
+        statics = Statics(self.model.eps_m[1] * softer, eps_kx, self._twist(x), length_m, limits)
+        self.likelihoods = learned(self.likelihoods, evidence(stage, {k: v[0] for k, v in x.items()}, dx_ht, statics))
+
+    def push(self, state: Mapping[str, NDArray], dx_ht: NDArray, sensors: Mapping[str, NDArray] | None = None) -> int:
+        """Learn from a measured state and displacement (6), with what is known (`Dims.sensors`); what became of it.
+
+        Friction is learned where `sensors` are given, and contacts can slide.
+        """
         s, x = self.settings, self.corrected(state)
+        x |= {name: np.asarray(value, float)[None] for name, value in (sensors or {}).items()}
         measured = np.asarray(dx_ht, float) / self.model.s
         self._count(state)
+        if self._in_grasp == 1:
+            self.likelihoods = NOTHING
+        if sensors is not None and self.exported.meta["slides"]:
+            self._narrow(x, np.asarray(dx_ht, float))
         error = measured - self.motion(x, self.theta)["s2_dx"] / self.model.s
         moved = min(measured @ measured, (measured - error) @ (measured - error))
         variance = self._in_grasp * (s.noise_m**2 + s.model_share**2 * moved)
