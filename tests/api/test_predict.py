@@ -56,6 +56,9 @@ def near(a: Predictions, b: Predictions) -> None:
     size = np.abs(b.dx_ht).max(1, keepdims=True)
     assert np.nanmax(np.abs(a.dx_ht - b.dx_ht) / size) < 1e-4
     np.testing.assert_allclose(a.gate, b.gate, atol=1e-4)
+    np.testing.assert_allclose(a.p_slide, b.p_slide, atol=1e-4)
+    np.testing.assert_allclose(a.bound_95, b.bound_95, rtol=1e-3)
+    np.testing.assert_allclose(a.friction_use, b.friction_use, atol=1e-3)
     assert np.nanmax(np.abs(a.k_x - b.k_x).max((1, 2)) / np.abs(b.k_x).max((1, 2))) < 1e-4
     np.testing.assert_array_equal(a.status, b.status)
     assert list(a.columns) == list(b.columns)
