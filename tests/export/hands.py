@@ -129,12 +129,12 @@ def _normalisers(x: dict[str, NDArray]) -> dict[str, NDArray]:
     return found
 
 
-def random_model(hand: Hand, seed: int = 0, told: bool = False, sensing: bool = False) -> Model:
+def random_model(hand: Hand, seed: int = 0, told: bool = False, slides: bool = False, sensing: bool = False) -> Model:
     """Random weights on the hand's nominal mechanics; eps_m differs by branch and stage as the hand's does."""
     rng, (hc, h, hd) = np.random.default_rng(seed), WIDTHS
     x = random_states(hand, 200, seed + 1)
     tensors = _nominal(hand)
-    counts = {"tendons": hand.dims.tendons, "slides": False, "sensing": sensing}
+    counts = {"tendons": hand.dims.tendons, "slides": slides, "sensing": sensing}
     dims = replace(dims_of(Model(counts, tensors)), factors=Theta(hand).factors if told else 0)
     sizes = {"contact": (hc, dims.contact_input), "trunk1": (h, hc + dims.global_input), "trunk2": (h, h)}
     sizes["head"] = (dims.head, h)
@@ -143,9 +143,8 @@ def random_model(hand: Hand, seed: int = 0, told: bool = False, sensing: bool = 
             tensors[f"{stage}.{layer}_w"] = _random_table(rng, f"{layer}_w", shape)
             tensors[f"{stage}.{layer}_b"] = _random_table(rng, f"{layer}_b", shape[:1])
         found = _normalisers(x)
-        more = dims.factors + dims.sensing
-        found["global_mean"] = np.append(found["global_mean"], np.full(more, 0.05))
-        found["global_inv_std"] = np.append(found["global_inv_std"], np.full(more, 3.0))
+        found["global_mean"] = np.append(found["global_mean"], np.full(dims.factors + dims.sensing, 0.05))
+        found["global_inv_std"] = np.append(found["global_inv_std"], np.full(dims.factors + dims.sensing, 3.0))
         tensors |= {f"{stage}.{k}": v for k, v in found.items()}
     for layer, shape in {"cls1": (hd, h + dims.aux), "cls2": (1, hd)}.items():
         tensors[f"s1.{layer}_w"] = _random_table(rng, f"{layer}_w", shape)
@@ -153,9 +152,9 @@ def random_model(hand: Hand, seed: int = 0, told: bool = False, sensing: bool = 
     tensors["s2.sure_w"] = _random_table(rng, "sure_w", (2, h + dims.sure))
     tensors["s2.sure_b"] = _random_table(rng, "sure_b", (2,)) + np.array([0.0, -7.0])
     tensors["s2.sure_mean"], tensors["s2.sure_inv_std"] = np.full(dims.sure, 0.5), np.full(dims.sure, 0.7)
-    gates = dims.aux - 12
-    tensors["s1.aux_mean"] = np.array([0.0] * 6 + [8.0] * 6 + [0.5] * gates)
-    tensors["s1.aux_inv_std"] = np.array([0.5] * 6 + [0.7] * 6 + [2.0] * gates)
+    gates = dims.aux - 12 - dims.slid
+    tensors["s1.aux_mean"] = np.array([0.0] * 6 + [8.0] * 6 + [0.5] * gates + [1.0] * dims.slid)
+    tensors["s1.aux_inv_std"] = np.array([0.5] * 6 + [0.7] * 6 + [2.0] * gates + [0.5] * dims.slid)
     tensors |= state_ranges(x)
     eps_m = [[branch.eps_m * factor for branch in hand.branches] for factor in (1.0, 0.8)]
     tensors |= {f"{stage}.eps_m": np.array(values) for stage, values in zip(STAGES, eps_m, strict=True)}

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from runtime_models import random_inputs
+from runtime_models import random_inputs, random_sensors
 from synthetic import HANDS, draw_inputs, draw_wrench, hand
 
 from aminn.model.checkpoint import load_checkpoint, save_checkpoint
@@ -65,3 +65,20 @@ def test_oracle_equals_the_trainers_model_of_any_hand(name: str, tmp_path: Path)
     x = {k: np.stack([r[k] for r in rows]).astype(np.float32) for k in rows[0]}
     x["contacts"][::4, 0, 0] = 0
     assert _largest_difference(MADE_UP[name], ModelConfig(), x, tmp_path) < 1e-6
+
+
+@pytest.mark.parametrize("told", [False, True])
+@pytest.mark.parametrize("name", ["reference", "soft gripper 2x2", "4x4 no tendons", "one joint a branch"])
+def test_oracle_equals_the_trainers_model_where_contacts_slide(name: str, told: bool, tmp_path: Path) -> None:
+    """And sensors say something of most states; one branch lets go, another fades.
+
+    Normals are unit vectors in single precision alone, and a slide that has just begun doubles what that changes.
+    """
+    rng, of = np.random.default_rng(3), MADE_UP[name]
+    rows = [draw_inputs(rng, of) | {"w_e": draw_wrench(rng)} for _ in range(30)]
+    x = {k: np.stack([r[k] for r in rows]).astype(np.float32) for k in rows[0]}
+    x["contacts"][::4, 0, 0], x["contacts"][1::4, -1, 0] = 0, 0.3
+    config = replace(ModelConfig(), friction="secant", sensors=told)
+    if told:
+        x |= random_sensors(of.dims, 30, 4)
+    assert _largest_difference(of, config, x, tmp_path) < 1e-4

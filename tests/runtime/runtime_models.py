@@ -220,3 +220,16 @@ def random_inputs(n: int, seed: int = 0, fade: bool = False) -> dict[str, NDArra
         contacts[..., 0] *= rng.uniform(0.1, 1, (n, 3)).astype(np.float32)
     inputs = {"q": q, "x_ht": x_ht, "w_e": load, "contacts": contacts, "j_x": j_x, "j_q": j_q}
     return {name: np.asarray(value, np.float32) for name, value in inputs.items()}
+
+
+def random_sensors(dims: Dims, n: int, seed: int = 0) -> dict[str, NDArray[np.float32]]:
+    """What sensors of n states say: each is known of two thirds of them; a class of friction, or a measured value."""
+    rng = np.random.default_rng(seed)
+    found = {name: rng.uniform(0, 2, (n, size)) for name, (size,) in dims.sensors.items()}
+    for value in found.values():
+        value[:, 0] = rng.uniform(size=n) < 2 / 3
+        value[value[:, 0] == 0] = 0
+    known = found["friction"][:, 0] > 0
+    found["friction"][known, 1:] = np.stack([rng.uniform(0.4, 1.1, n), rng.uniform(0, 0.2, n)], 1)[known]
+    found["tool_weight"][:, 1:] -= found["tool_weight"][:, :1]
+    return {name: value.astype(np.float32) for name, value in found.items()}

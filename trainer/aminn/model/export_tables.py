@@ -76,12 +76,10 @@ def _whole_head(backbone: Backbone, part: str) -> Tensor:
 
 def _check_exportable(checkpoint: Checkpoint, config: ModelConfig) -> None:
     """Raises AminnError for options that the exported forms do not have."""
-    extra = [f'friction = "{config.friction}"'] if config.friction != "none" else []
-    extra += ["sensors"] if config.sensors else []
     if not config.heads_see_wrench:
-        extra.append("heads_see_wrench = false")
-    if extra:
-        raise AminnError(f"{checkpoint.path}: {', '.join(extra)} is an option of the trainer alone; train without it")
+        raise AminnError(
+            f"{checkpoint.path}: heads_see_wrench = false is an option of the trainer alone; train without it"
+        )
 
 
 def _identity(checkpoint: Checkpoint, tensors: dict[str, NDArray[np.float32]]) -> dict[str, str]:
@@ -127,7 +125,7 @@ def export_tables(checkpoint: Checkpoint) -> ExportedModel:
     if stages[0]["dq0"] != stages[1]["dq0"]:
         raise AminnError(f"{checkpoint.path}: the stages differ in dq0; an exported model has one form for both")
     tensors = {k: np.ascontiguousarray(v, np.float32) for k, v in tensors.items()}
-    theta = Theta(model.hand)
+    theta, dims = Theta(model.hand), config.dims(model.hand)
     meta = (
         _identity(checkpoint, tensors)
         | {
@@ -141,8 +139,8 @@ def export_tables(checkpoint: Checkpoint) -> ExportedModel:
             "dq0": stages[0]["dq0"],
             "told": bool(config.told),
             "tendons": model.hand.dims.tendons,
-            "slides": False,
-            "sensing": False,
+            "slides": dims.slides,
+            "sensing": dims.sensing > 0,
             "friction_nominal": NOMINAL_FRICTION,
             "max_translation": config.motion_limits[0],
             "max_rotation": config.motion_limits[1],

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from aminn_hand.hand import Dims
 
-PARTS = ("diagonal", "gain", "alpha", "twist", "below", "direction", "beta", "rho")
+PARTS = ("diagonal", "gain", "alpha", "twist", "below", "friction", "direction", "beta", "rho", "preload")
 """Of `Dims.head_parts`: what goes through tanh and then exp, what goes through tanh alone, the rest."""
-TANH = ("diagonal", "gain", "alpha", "twist", "below")
+TANH = ("diagonal", "gain", "alpha", "twist", "below", "friction")
 EXP = ("diagonal", "gain", "alpha", "twist")
 
 

@@ -20,9 +20,11 @@ from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
 from aminn_base.read import AnyPath
 from aminn_hand.hand import LEAST_MOTION_M, MAX_LOG_BOUND, N_CONTACT_FEATURE, N_WRENCH
+from aminn_hand.sensors import FRICTION_CLASSES, FRICTION_SPREAD
 
 from .head import EXP, TANH, head_order, sizes
 from .onnx_graph import GraphBuilder
+from .onnx_slide import Grip, Rows, Slid, SlideGraph
 from .tables import HAND, STAGES, Exported, by_branch, dims_of, pair_of, shortest
 
 ONNX_FILE, DEBUG_FILE = "aminn.onnx", "aminn_debug.onnx"
@@ -39,6 +41,10 @@ CHOL_ADJUGATE = (
     (0, 1, 1, 2, 2),
 )
 POSITIVE_NAMES = {"diagonal": "chol_diag", "gain": "tendon_gain_col", "alpha": "alpha", "twist": "twist"}
+LOOSE_NAMES = {"direction": "head_dir", "beta": "head_beta", "rho": "head_rho", "preload": "head_preload"}
+SQUASHED_NAMES = {"below": "squashed_off", "friction": "squashed_friction"}
+PRELOAD_N, FORCE_N, MOMENT_NM = 0.7, 0.3, 0.008
+"""Standard deviations of the forces that carry the tool's weight across the normals, and of what they leave of it."""
 UNITS = {
     "q": "rad",
     "x_ht": "m, rad (rotation vector)",
@@ -47,12 +53,15 @@ UNITS = {
     "j_x": "1, m",
     "j_q": "m/rad",
     "theta": "1 (logarithms of factors), rad, m",
+    "friction": "1 (known, coefficient, its standard deviation)",
+    "tool_weight": "1 (known), N",
+    "tendon_tension": "1 (known), N",
     "p_stable": "1",
     "dx_ht": "m, rad (rotation vector)",
     "k_x": "N/m, N/rad, N.m/rad",
     "gate": "1",
     "p_slide": "1",
-    "bound_95": "m (rotations times length_scale_m)",
+    "bound_95": "1 (translation over length_scale_m, rad)",
     "friction_use": "1",
     "eps_m": "m/N",
     "eps_kx": "N/m (translation), N.m/rad (rotation)",
@@ -91,6 +100,10 @@ def onnx_metadata(meta: dict) -> dict[str, str]:
         "length_scale_m": meta["length_scale"],
         "log_range": meta["log_range"],
         "told": bool(meta.get("told", False)),
+        "friction": "secant" if meta.get("slides") else "none",
+        "sensors": bool(meta.get("sensing", False)),
+        "motion_limits": [meta["max_translation"], meta["max_rotation"]] if meta.get("slides") else None,
+        "friction_classes": {name: list(values) for name, values in FRICTION_CLASSES.items()},
         "branch_joints": [list(row) for row in meta["branch_joints"]],
     }
     # a binary model does not hold them
@@ -137,6 +150,9 @@ class _AminnGraph:
         self.told: dict[str, str] = {}
         """Of a told model what theta makes of nominal tables: chol (N, B, K), tendon_gain, twist (N, B, 1), root_soft
         (N, B, 1, 1), and the factors that networks see (N, F)."""
+        self.sensed: dict[str, str] = {}
+        """Of a model that sees sensors: seen (N, E), log_friction (N, 1), how much it is known to differ from nominal,
+        weight (N, 4)."""
 
     def both(self, name: str) -> Array:
         """A table of both stages, stacked: (2, ...)."""
@@ -191,6 +207,7 @@ class _AminnGraph:
         g, both = self.g, self.both
         log = self.slog("w_e", self.tensors["wrench_log_scale"], "w_log")  # (N, 6)
         seen = [self.told["factors"]] if self.told else []
+        seen += [self.sensed["seen"]] if self.sensed else []
         z_g = g.op("Concat", "q", "x_ht", "w_e", log, *seen, name="z_g", axis=1)  # (N, G)
         row = (slice(None), None)
         c = self.normalised(z_c, both("contact_mean")[row], both("contact_inv_std")[row], "z_c_norm")  # (S, N, Z)
@@ -275,16 +292,17 @@ class _AminnGraph:
         return g.op("Reshape", v, wanted, name=name, allowzero=1)
 
     def head(self, f: str) -> list[str]:
-        """(S, N, B, .): what tanh has squashed, of the parts TANH; then each of direction, beta, rho there is."""
+        """(S, N, B, .): what tanh has squashed, of the parts TANH; then each of the other parts there is."""
         g, dims = self.g, self.dims
         order = np.concatenate([dims.branch_head * b + head_order(dims) for b in range(dims.branches)])
         weight, bias = self.both("head_w")[:, order], self.both("head_b")[:, None, order]
         rows = (dims.branches, dims.branch_head)
         y = self.batch_checked(self.linear(f, weight, bias, "head"), rows, "head_rows")  # (S, N, B, n)
-        if not dims.gates:
+        loose = [part for part in ("direction", "beta", "rho", "preload") if part in dims.head_parts]
+        if not loose:
             return [g.op("Tanh", y, name="squashed")]
-        pieces = [sum(sizes(dims, TANH)), *sizes(dims, ("direction", "beta", "rho"))]
-        raw, *rest = g.split(y, pieces, 3, ["head_tanh", "head_dir", "head_beta", "head_rho"])
+        pieces = [sum(sizes(dims, TANH)), *sizes(dims, tuple(loose))]
+        raw, *rest = g.split(y, pieces, 3, ["head_tanh", *(LOOSE_NAMES[part] for part in loose)])
         return [g.op("Tanh", raw, name="squashed"), *rest]
 
     def springs(self, f: str) -> dict[str, str]:
@@ -303,10 +321,12 @@ class _AminnGraph:
         if dims.twist:
             reach += [2 * ones]
             nominal += [t["twist_nom"][:, None]]
-        in_exp, off = squashed, ""
-        if c > 1:
-            pieces = [sum(sizes(dims, EXP)), *sizes(dims, ("below",))]
-            in_exp, off = g.split(squashed, pieces, 3, ["squashed_exp", "squashed_off"])
+        in_exp, off, friction = squashed, "", ""
+        others = [name for name, there in (("below", c > 1), ("friction", dims.slides)) if there]
+        if others:
+            pieces = [sum(sizes(dims, EXP)), *sizes(dims, tuple(others))]
+            in_exp, *found_others = g.split(squashed, pieces, 3, ["squashed_exp", *(SQUASHED_NAMES[n] for n in others)])
+            off, friction = (dict(zip(others, found_others, strict=True)).get(n, "") for n in ("below", "friction"))
         log_reach = np.float32(self.meta["log_range"]) * np.concatenate(reach, 1)  # (B, C + 3)
         factor = g.op("Exp", g.op("Mul", in_exp, g.constant("log_reach", log_reach), name="log_factor"), name="factor")
         if self.told:
@@ -319,6 +339,8 @@ class _AminnGraph:
             names = [POSITIVE_NAMES[part] for part in EXP if part in dims.head_parts]
             diag, *rest = g.split(positive, sizes(dims, EXP), 3, names)
         found = dict(chol=self.chol_packed(diag, off), diagonal=diag)
+        if dims.slides:
+            found |= self.grip(friction, loose.pop())
         if dims.twist:
             found["twist"] = rest.pop()
         if not dims.gates:
@@ -331,6 +353,84 @@ class _AminnGraph:
         beta = g.op("Mul", be, g.constant("beta_scale", t["gate_nom"][1]), name="beta")
         rho = g.op("Add", rh, g.constant("rho_nom", t["gate_nom"][2]), name="rho")
         return found | dict(tendon_dir=direction, gain=gain, alpha=alpha, beta=beta, rho=rho)
+
+    def grip(self, squashed: str, raw: str) -> dict[str, str]:
+        """Friction (S, N, B, 1) and tangential preload (S, N, B, 3), N, of the contacts."""
+        g = self.g
+        log = squashed
+        if self.sensed:
+            told = g.unsqueeze(self.sensed["log_friction"], [2], "told_log_friction")  # (N, 1, 1)
+            log = g.op("Add", squashed, told, name="log_friction")
+        nominal = g.constant("friction_nominal", self.meta["friction_nominal"])
+        friction = g.op("Mul", g.op("Exp", log, name="friction_factor"), nominal, name="mu")
+        force = raw
+        if self.sensed:
+            force = g.op("Add", raw, self.carried(), name="preload_both")
+        along = g.reduce_sum(g.op("Mul", force, self.normal, name="preload_along_terms"), 3, "preload_along")
+        across = g.op("Sub", force, g.op("Mul", along, self.normal, name="preload_along_normal"), name="preload_across")
+        return dict(friction=friction, preload=g.op("Mul", across, self.flag, name="preload"))
+
+    def carried(self) -> str:
+        """Forces (N, B, 3) across normals that carry the tool's weight, if it is known, by least squares.
+
+        The system is rows^T rows, of a row for each direction across a normal and of the ridge; Gram-Schmidt solves it.
+        """
+        g, branches = self.g, self.dims.branches
+        outer = g.op("Mul", g.unsqueeze(self.normal, [3], "n_col"), g.unsqueeze(self.normal, [2], "n_row"), name="n_n")
+        across = g.op("Sub", g.constant("eye3", np.eye(3)), outer, name="n_across")  # (N, B, 3, 3)
+        rows = g.op("MatMul", across, self.a_s, name="weight_rows")  # (N, B, 3, 6) sqrt(c) P A S
+        spread = np.repeat([FORCE_N, MOMENT_NM / float(self.meta["length_scale"])], 3) / PRELOAD_N
+        flat_t = self.transposed(
+            g.reshape(rows, [0, 3 * branches, N_WRENCH], "weight_flat"), "weight_t", 3
+        )  # (N, 6, 3 B)
+        v_t = self.beside(flat_t, 3 * branches, np.diag(spread)[None], "weight_v_t")
+        last, done = self.gram_schmidt(v_t, N_WRENCH, 1, "weight_v")
+        v = g.op("Concat", *done, last, name="weight_v", axis=1)
+        squares = self.squares(v, 2, "weight_v")  # (N, 6, 1)
+        _, tail = g.split(v, [3 * branches, N_WRENCH], 2, ["weight_head", "weight_tail"])
+        unit = g.op("Mul", tail, g.constant("weight_scale", 1 / spread), name="weight_unit")  # (N, 6, 6)
+        held = g.op("Mul", self.force, self.root_flag, name="weight_force")  # (N, B, 1) sqrt(c) N
+        pressing = g.op("Mul", held, self.normal, name="weight_pressing")
+        by_contact = g.op(
+            "MatMul", g.unsqueeze(pressing, [2], "weight_pressing_row"), self.a_s, name="weight_pressing_moves"
+        )  # (N, B, 1, 6)
+        summed = g.reshape(g.reduce_sum(by_contact, 1, "weight_pressed"), [0, N_WRENCH, 1], "weight_pressed_col")
+        known, weight = g.split(self.sensed["weight"], [1, 3], 1, ["weight_known", "weight_force3"])
+        pads = g.index("pads", [0, 0, 0, 3])
+        whole = g.unsqueeze(g.op("Pad", weight, pads, name="weight_wrench"), [2], "weight_wrench_col")
+        rest = g.op("Neg", g.op("Add", summed, whole, name="weight_total"), name="weight_rest")  # (N, 6, 1)
+        share = g.op("Div", g.op("MatMul", unit, rest, name="weight_forward"), squares, name="weight_share")
+        y = g.op("MatMul", self.transposed(unit, "weight_unit_t", 3), share, name="weight_y")  # (N, 6, 1)
+        force = g.op("MatMul", rows, g.unsqueeze(y, [1], "weight_y_block"), name="weight_t3")  # (N, B, 3, 1) / sqrt(c)
+        flat = g.reshape(force, [0, branches, 3], "weight_forces")
+        counts = g.op("Mul", self.root_flag, g.unsqueeze(known, [2], "weight_known_col"), name="weight_counts")
+        return g.op("Mul", flat, counts, name="weight_carried")
+
+    def sense(self) -> None:
+        """What networks and layer see of sensors, each of which is the same for all where it has one row."""
+        g = self.g
+        batch = g.op("Shape", "q", name="sensor_batch", start=0, end=1)
+        rows = g.op("Concat", batch, g.index("one_row", [1]), name="sensor_rows", axis=0)
+        given = {name: g.op("Expand", name, rows, name=f"{name}_of_each") for name in self.dims.sensors}
+        zero, one = g.constant("zero", 0.0), g.constant("one", 1.0)
+        known, mu, deviation = g.split(given["friction"], [1, 1, 1], 1, ["mu_known", "mu_told", "mu_deviation"])
+        is_known = g.op("Greater", known, zero, name="mu_is_known")
+        nominal = g.constant("friction_nominal", self.meta["friction_nominal"])
+        held = g.op("Where", is_known, mu, nominal, name="mu_held")
+        spread = g.op("Mul", held, g.constant("friction_spread", FRICTION_SPREAD), name="mu_spread")
+        share = g.op("Div", g.op("Where", is_known, deviation, zero, name="mu_deviation_held"), spread, name="mu_share")
+        doubt = g.op("Add", g.op("Mul", share, share, name="mu_share2"), one, name="mu_doubt")
+        trust = g.op("Div", known, doubt, name="mu_trust")
+        log = g.op("Mul", trust, g.op("Log", g.op("Div", held, nominal, name="mu_ratio"), name="mu_log"), name="mu_far")
+        seen = [trust, log]
+        for name, (size,) in self.dims.sensors.items():
+            if name == "friction":
+                continue
+            flag, values = g.split(given[name], [1, size - 1], 1, [f"{name}_known", f"{name}_values"])
+            there = g.op("Greater", flag, zero, name=f"{name}_is_known")
+            seen += [flag, g.op("Where", there, values, zero, name=f"{name}_held")]
+        weight = g.op("Concat", *seen[2:4], name="weight_told", axis=1)
+        self.sensed = dict(seen=g.op("Concat", *seen, name="sensed", axis=1), log_friction=log, weight=weight)
 
     def told_positive(self) -> str:
         """What the head's factors scale, of theta (N, B, .): springs' diagonal, gain, alpha, twist."""
@@ -481,6 +581,12 @@ class _AminnGraph:
         self.a_s = g.reshape(a_s, [0, 0, 3, N_WRENCH], "a_contact")  # (N, B, 3, 6) sqrt(c) A S
         w_s = g.op("Mul", "w_e", self.s, name="w_scaled")  # (N, 6)
         self.w_s = g.unsqueeze(w_s, [2], "w_scaled_col")  # (N, 6, 1)
+        self.flag = flag
+        if self.dims.slides:
+            parts = [3, 3, 1, 3 * self.dims.coordinates]
+            _, self.normal, self.force, _ = g.split(
+                self.contact_raw, parts, 2, ["position", "contact_normal", "normal_force", "j_q_part"]
+            )
 
     def constants_of(self, key: str) -> NDArray[np.float64]:
         """A regularisation constant of both stages (2)."""
@@ -528,7 +634,7 @@ class _AminnGraph:
         _, below = g.split(rest, [c, 3], 4, ["rest_head", "rest_tail"])  # (S, N, B, 1, 3)
         force = g.op("Mul", below, self.by_softness("rest_scale", -1 / root_m), name="tendon_force")
         m = g.reshape(g.op("MatMul", force, self.a_s, name="m_row"), [*flat, N_WRENCH], "m")  # (S, N, B, 6)
-        return found | dict(m=m, rest_square=rest_square)
+        return found | dict(m=m, rest_square=rest_square, force=force)
 
     def twist_rows(self, twist: str) -> str:
         """sqrt(c k) (0, n) S (S, N, B, 6): their squares are what soft fingertips add to the scaled K_x."""
@@ -564,17 +670,18 @@ class _AminnGraph:
         x = g.op("MatMul", unit_t, divided, name="x0_col")  # (S, N, 6, 1)
         return dict(v_t=v_t, squares=squares, unit=unit, unit_t=unit_t, forward=forward, x_col=x)
 
-    def with_tendons(self, contact: dict[str, str], first: dict[str, str], stiffness: str) -> dict[str, str]:
-        """Pass 2: each tendon of stiffness s (S, N, B, 1) adds n n^T to K_x, n = m sqrt(s / (1 + s rest^2)).
-
-        With H the tendons seen by pass 1's factors, what they leave of the load is the residual of least squares.
-        """
-        g, branches = self.g, self.dims.branches
-        one = g.constant("one", 1.0)
+    def taut(self, contact: dict[str, str], stiffness: str) -> tuple[str, str]:
+        """Each tendon of stiffness s (S, N, B, 1) adds n n^T to K_x, n = m sqrt(s / (1 + s rest^2)): that root, n."""
+        g, one = self.g, self.g.constant("one", 1.0)
         s_rest = g.op("Mul", stiffness, contact["rest_square"], name="s_rest")
         gamma = g.op("Div", stiffness, g.op("Add", s_rest, one, name="s_rest_plus1"), name="gamma")
         root = g.op("Sqrt", gamma, name="root_gamma")  # (S, N, B, 1)
-        n = g.op("Mul", contact["m"], root, name="n")  # (S, N, B, 6)
+        return root, g.op("Mul", contact["m"], root, name="n")  # (S, N, B, 6)
+
+    def with_tendons(self, contact: dict[str, str], first: dict[str, str], stiffness: str) -> dict[str, str]:
+        """Pass 2: what tendons leave of the load is a residual of least squares, H tendons by pass 1's factors."""
+        g, branches = self.g, self.dims.branches
+        _, n = self.taut(contact, stiffness)
         h_t = g.op("MatMul", n, first["unit_t"], name="h_rows")  # (S, N, B, 6)
         load = g.reshape(first["forward"], [0, 0, 1, N_WRENCH], "load_row")
         inverse = g.reshape(
@@ -596,14 +703,47 @@ class _AminnGraph:
         x = g.reshape(first["x_col"], [0, 0, N_WRENCH], "x_scaled")
         return dict(x_scaled=x, dx=g.op("Mul", x, self.s, name="dx_both"))
 
-    def stiffness(self, first: dict[str, str], second: dict[str, str]) -> tuple[str, str]:
-        """K_x (S, N, 6, 6), scaled and in SI."""
-        g, v = self.g, first["v_t"]
+    def sliding(
+        self, springs: dict[str, str], contact: dict[str, str], first: dict[str, str], tendons: str | None
+    ) -> tuple[dict[str, str], Slid]:
+        """What pass 2 gives, with contacts that slide."""
+        g, n, along, v = self.g, None, None, first["v_t"]
+        if tendons is not None:
+            root, n = self.taut(contact, tendons)
+            along = g.op("Mul", contact["force"], g.unsqueeze(root, [4], "root_gamma_col"), name="tendon_along")
+            v = g.op("Concat", v, self.transposed(n, "n_t", 4), name="v_n_t", axis=3)  # (S, N, 6, 4 B + 6)
+        grip = Grip(self.flag, self.normal, self.force, springs["friction"], springs["preload"])
+        soft = g.constant("eps_m", self.root_eps_m()[..., 0] ** 2)  # (S, 1, B, 1)
+        if self.told:
+            root = g.reshape(self.told["root_soft"], [0, 0, 1], "theta_root_soft_row")
+            soft = g.op("Mul", soft, g.op("Mul", root, root, name="theta_soft_factor"), name="theta_eps_m")
+        rows = Rows(contact["g_t"], soft, contact["y"], n, contact["r_mt"], self.root_flag, along, v)
+        root_eps = np.sqrt(self.constants_of("eps_kx"))[:, None, None, None]
+        slid = SlideGraph(g, self.dims, root_eps, self.scale.astype(np.float64)).slide(grip, rows, self.w_s)
+        dx = g.op("Mul", slid.x_scaled, self.s, name="dx_free")
+        return dict(v=v, x_scaled=slid.x_scaled, dx=self.cut(dx)), slid
+
+    def cut(self, dx: str) -> str:
+        """Motions (S, N, 6), each shortened by one factor to the bounds of a grasp that holds."""
+        g = self.g
+        limits = np.array([self.meta["max_translation"], self.meta["max_rotation"]])
+        pairs = g.reshape(dx, [0, 0, 2, 3], "dx_pairs")
+        sizes = g.op("ReduceL2", pairs, g.index("axes", [3]), name="dx_sizes", keepdims=0)  # (S, N, 2)
+        over = g.op("Div", sizes, g.constant("motion_limits", limits), name="dx_over")
+        worst = g.op("ReduceMax", over, g.index("axes", [2]), name="dx_worst", keepdims=1)
+        return g.op("Div", dx, g.op("Max", worst, g.constant("one", 1.0), name="dx_shorter"), name="dx_both")
+
+    def stiffness(self, first: dict[str, str], second: dict[str, str]) -> str:
+        """K_x (S, N, 6, 6), scaled, if no contact slides."""
+        g, v = self.g, second.get("v", first["v_t"])
         if "n" in second:
             v = g.op("Concat", v, self.transposed(second["n"], "n_t", 4), name="v_n_t", axis=3)  # (S, N, 6, 4 B + 6)
-        k_scaled = g.op("MatMul", v, self.transposed(v, "v_n", 4), name="k_scaled")
+        return g.op("MatMul", v, self.transposed(v, "v_n", 4), name="k_scaled")
+
+    def in_si(self, k_scaled: str) -> str:
+        """K_x (S, N, 6, 6) in SI."""
         scale = self.scale.astype(np.float64)
-        return k_scaled, g.op("Mul", k_scaled, g.constant("k_unscale", 1 / np.outer(scale, scale)), name="k_x_both")
+        return self.g.op("Mul", k_scaled, self.g.constant("k_unscale", 1 / np.outer(scale, scale)), name="k_x_both")
 
     def joint_deflection(self, contact: dict[str, str], first: dict[str, str], l_it: str) -> str:
         """dq0 (S, N, B, C) of pass 1, masked by coordinate and contact; l_it is L^-T (S, N, B, C, C)."""
@@ -649,12 +789,13 @@ class _AminnGraph:
         motion = g.constant("aux_is_motion", np.repeat([1.0, 0.0], [N_WRENCH, self.dims.aux - N_WRENCH]))
         return g.op("Min", g.op("Max", share, motion, name="share_or_motion"), g.constant("one", 1.0), name="fade")
 
-    def classifier(self, f: str, second: dict[str, str], k_scaled: str, gate: str | None) -> None:
+    def classifier(self, f: str, second: dict[str, str], k_scaled: str, gate: str | None, slid: Slid | None) -> None:
         """p_stable (N) from stage 1's feature and statics."""
         g, t = self.g, self.tensors
         f1, x1 = g.gather(f, 0, 0, "f_s1"), g.gather(second["x_scaled"], 0, 0, "x_scaled_s1")
         k1 = g.gather(k_scaled, 0, 0, "k_scaled_s1")
         gates = [] if gate is None else [g.gather(gate, 0, 0, "gate_classifier")]
+        gates += [] if slid is None else [g.gather(slid.logs, 0, 0, "contacts_s1")]
         size = g.op("ReduceL2", x1, g.index("axes", [1]), name="x_norm", keepdims=1)
         size = g.op("Max", size, g.constant("least_motion", LEAST_MOTION_M), name="x_size")  # (N, 1)
         log = self.log1p(size, np.float32(self.meta["displacement_log_scale"]), "x_size")
@@ -670,12 +811,14 @@ class _AminnGraph:
         logit = self.linear(hidden, t["s1.cls2_w"], t["s1.cls2_b"], "logit")  # (N, 1)
         g.op("Squeeze", g.op("Sigmoid", logit, name="p_stable_col"), g.index("axes", [1]), name="p_stable")
 
-    def sure(self, f: str, second: dict[str, str]) -> None:
+    def sure(self, f: str, second: dict[str, str], slid: Slid | None) -> None:
         """p_slide (N) and bound_95 (N) from stage 2's feature and how far it moves the tool."""
         g, t = self.g, self.tensors
         f2, x2 = g.gather(f, 1, 0, "f_s2"), g.gather(second["x_scaled"], 1, 0, "x_scaled_s2")
         size = g.op("ReduceL2", x2, g.index("axes", [1]), name="x_norm_s2", keepdims=1)
         seen = self.log1p(size, np.float32(self.meta["displacement_log_scale"]), "x_size_s2")  # (N, 1)
+        if slid is not None:
+            seen = g.op("Concat", seen, g.gather(slid.logs, 1, 0, "contacts_s2"), name="sure_statics", axis=1)
         normal = self.normalised(seen, t["s2.sure_mean"], t["s2.sure_inv_std"], "sure_seen")
         joined = g.op("Concat", f2, normal, name="f_sure", axis=1)  # (N, H + A)
         found = self.linear(joined, t["s2.sure_w"], t["s2.sure_b"], "sure")  # (N, 2)
@@ -703,6 +846,11 @@ class _AminnGraph:
             inputs["theta"] = (dims.factors + dims.joints + 1,)
             g.default("theta", np.zeros((1, *inputs["theta"])))
             self.tell()
+        if dims.sensing:
+            inputs |= dims.sensors
+            for name, shape in dims.sensors.items():
+                g.default(name, np.zeros((1, *shape)))
+            self.sense()
         f = self.features(z_c)
         springs = self.springs(f)
         l_it = self.chol_inverse_t(springs)
@@ -714,38 +862,49 @@ class _AminnGraph:
         first = self.springs_alone(contact, springs.get("twist"))
         needed = debug or (dims.gates and self.meta["dq0"] != "statics")
         dq0 = self.joint_deflection(contact, first, l_it) if needed else None
-        gate, second = self.passes(springs, contact, first, dq0)
-        k_scaled, k_x = self.stiffness(first, second)
-        self.classifier(f, second, k_scaled, gate)
+        gate, second, slid = self.passes(springs, contact, first, dq0)
+        k_scaled = self.stiffness(first, second)
+        k_x = self.in_si(k_scaled if slid is None else slid.k_scaled)
+        self.classifier(f, second, k_scaled, gate, slid)
         for name, value in (("dx_ht", second["dx"]), ("k_x", k_x)):
             g.gather(value, 1, 0, name)
         if gate is not None:
             g.gather(gate, 1, 0, "gate")
         else:
             self.zeros("gate", dims.outputs["gate"])
-        self.sure(f, second)
-        self.zeros("friction_use", dims.outputs["friction_use"])
+        self.sure(f, second, slid)
+        if slid is not None:
+            g.gather(slid.use, 0, 0, "friction_use")
+        else:
+            self.zeros("friction_use", dims.outputs["friction_use"])
         outputs = dict(dims.outputs)
         if debug:
             x0 = g.reshape(first["x_col"], [0, 0, N_WRENCH], "x0")
             dx0 = g.op("Mul", x0, self.s, name="dx0_both")
             values = self.debug_values(springs) | dict(dx0=dx0, dq0=str(dq0), k_x=k_x, dx=second["dx"])
             values |= {} if gate is None else {"gate": gate}
+            if slid is not None:
+                friction = g.op("Squeeze", springs["friction"], g.index("axes", [3]), name="friction_both")
+                values |= dict(friction=friction, preload=springs["preload"], slide=slid.slide)
             outputs |= self.debug_outputs(values)
         name = "aminn_debug" if debug else "aminn"
         return g.model(name, inputs, outputs, OPSET, IR_VERSION, onnx_metadata(self.meta))
 
     def passes(
         self, springs: dict[str, str], contact: dict[str, str], first: dict[str, str], dq0: str | None
-    ) -> tuple[str | None, dict[str, str]]:
-        """(gates of both stages (S, N, B), none if the hand has none; what pass 2 gives)."""
+    ) -> tuple[str | None, dict[str, str], Slid | None]:
+        """(gates of both stages (S, N, B), none if the hand has none; what pass 2 gives; contacts that slide)."""
         g = self.g
         if not self.dims.gates:
-            return None, self.without_tendons(first)
+            if self.dims.slides:
+                return None, *self.sliding(springs, contact, first, None)
+            return None, self.without_tendons(first), None
         gate_col = self.gates(springs, self.stretch(springs, contact, first, dq0))
         gate = g.op("Squeeze", gate_col, g.index("axes", [3]), name="gate_both")  # (S, N, B)
         tendons = g.op("Mul", springs["gain"], gate_col, name="tendon_stiffness")
-        return gate, self.with_tendons(contact, first, tendons)
+        if self.dims.slides:
+            return gate, *self.sliding(springs, contact, first, tendons)
+        return gate, self.with_tendons(contact, first, tendons), None
 
     def zeros(self, name: str, shape: tuple[int, ...]) -> None:
         """An output (N, *shape) of zeros."""

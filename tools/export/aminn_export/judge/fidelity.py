@@ -29,7 +29,7 @@ from ..files.bin_model import BinModel, read_bin_model
 from ..files.tables import pair_of
 from ..replay.targets import RUNTIME, TARGETS, replay_all, run
 from ..samples.adversarial import KINDS, adversarial_states
-from ..samples.reference import Array, Reference
+from ..samples.reference import Array, Reference, Statics
 from ..samples.vectors import Results, read_results, write_vectors
 from .verify import model_prefix, onnx_session, samples_of_dataset, scaled_condition, scaled_norm
 
@@ -47,17 +47,20 @@ Figures = dict[str, float | int | str | bool]
 class SquareRootReference(Reference):
     """The float64 model with the statics by QR factorisations: no stiffness is formed before it is solved with."""
 
-    def _pass(self, stage: int, k_q: Array, twist: Array, x: dict[str, Array]) -> tuple[Array, Array, Array]:
+    def _pass(self, stage: int, k_q: Array, twist: Array, x: dict[str, Array], slide: Array | None = None) -> Statics:
         root_m, eps_kx = np.sqrt(self.eps_m[stage] * x["softer"])[..., None, None], pair_of(self.meta["eps_kx"])[stage]
         n, s, n_b, n_c = len(k_q), self.s, self.b, self.c
         contact = np.sqrt(x["contacts"][..., 0])[..., None, None]  # (N, B, 1, 1)
         lower = np.linalg.cholesky(k_q)  # (N, B, C, C)
         g = np.linalg.solve(lower, -np.swapaxes(x["j_q"], -1, -2))
         eye = np.broadcast_to(root_m * np.eye(3), (n, n_b, 3, 3))
-        q_m, r_m = np.linalg.qr(np.concatenate([g, eye], -2))  # (N, B, C + 3, 3), (N, B, 3, 3)
+        normal = x["contacts"][..., 4:7]
+        across = np.eye(3) - normal[..., :, None] * normal[..., None, :]
+        given = [] if slide is None else [contact * np.sqrt(slide)[..., None, None] * across]
+        q_m, r_m = np.linalg.qr(np.concatenate([g, eye, *given], -2))  # (N, B, C + 3 or C + 6, 3), (N, B, 3, 3)
         y = contact * np.linalg.solve(np.swapaxes(r_m, -1, -2), x["j_x"] * s)  # (N, B, 3, 6)
         tail = np.broadcast_to(np.sqrt(eps_kx) * np.diag(s), (n, 6, 6))
-        turning = np.concatenate([np.zeros((n, n_b, 3)), x["contacts"][..., 4:7]], 2) * s
+        turning = np.concatenate([np.zeros((n, n_b, 3)), normal], 2) * s
         held = contact[..., 0] * np.sqrt(twist)[..., None] * turning  # (N, B, 6)
         v = np.concatenate([y.reshape(n, 3 * n_b, 6), held, tail], 1)  # (N, 4 B + 6, 6)
         q_x, r_x = np.linalg.qr(v)
@@ -66,7 +69,9 @@ class SquareRootReference(Reference):
         strain = (q_x @ t)[:, : 3 * n_b].reshape(n, n_b, 3, 1)
         dq = np.linalg.solve(np.swapaxes(lower, -1, -2), q_m[..., :n_c, :] @ (contact * strain))
         k_x = np.swapaxes(v, -1, -2) @ v / s[:, None] / s
-        return k_x, dx, dq[..., 0]
+        force = np.linalg.solve(r_m, contact * strain)[..., 0]
+        give = ((r_m @ across) ** 2).sum((2, 3)) / 2
+        return Statics(k_x, dx, dq[..., 0], force, give)
 
 
 def in_chunks(reference: Reference, inputs: dict[str, NDArray]) -> dict[str, Array]:
