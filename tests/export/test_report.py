@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from synthetic import closure, draw_inputs, hand
 
-from aminn.evaluation.metrics import operating_curve, reliability
+from aminn.evaluation.metrics import operating_curve, refusal_curve, reliability
 from aminn.pages.grasp_picture import GraspPicture, branch_points, draw_grasp, magnification, tool_faces
 from aminn.pages.report import (
     ReportInputs,
@@ -52,7 +52,7 @@ def _inputs() -> ReportInputs:
     return ReportInputs(
         title="A <run> & more",
         rows=[
-            {"model": "aminn", "f1": 0.9123, "rmse_mm_all": float("nan")},
+            {"model": "aminn", "f1": 0.9123, "rmse_mm_all": float("nan"), "bound_coverage": 0.9512},
             {"model": "mine", "passivity_violation_full": 0.0},
         ],
         signed_work=work,
@@ -62,6 +62,8 @@ def _inputs() -> ReportInputs:
         histories={"aminn": {"stage1": curve, "stage2": curve}},
         operating={"aminn": (operating_curve(p, held, 1 - p), 0.5)},
         reliability={"aminn": reliability(p, held)},
+        slide_reliability={"aminn": reliability(p, ~held)},
+        refusal={"aminn": refusal_curve(p, 1 - p)},
         grasp=_grasp(),
         verification={"ok": True, "samples": 1234, "host_bin_dx_relative_max": 1.5e-5, "host_bin_refused": 0},
         dataset={"grasps": 12, "stable share": 0.6123},
@@ -73,10 +75,19 @@ def test_page_is_self_contained_and_complete(tmp_path: Path) -> None:
     write_report(_inputs(), tmp_path / "reports" / "page.html")
     page = (tmp_path / "reports" / "page.html").read_text()
     assert "A &lt;run&gt; &amp; more" in page
-    assert page.count("data:image/png;base64,") == 6
+    assert page.count("data:image/png;base64,") == 7
     assert all(link.startswith("data:") for link in re.findall(r'(?:src|href)="([^"]*)"', page))
     assert not re.search(r"https?://", page)
-    for text in ("0.912", "1234", "1.5e-05", "stable share", "0.6123", "A note.", "Every sample within its limit"):
+    for text in (
+        "0.912",
+        "1234",
+        "1.5e-05",
+        "stable share",
+        "0.6123",
+        "A note.",
+        "95.1%",
+        "Every sample within its limit",
+    ):
         assert text in page
     assert [f.name for f in (tmp_path / "reports").iterdir()] == ["page.html"]
 
@@ -87,6 +98,13 @@ def test_empty_inputs_give_a_page_without_figures(tmp_path: Path) -> None:
     assert "<img" not in page
     assert "<table" not in page
     assert pictures(ReportInputs()) == []
+
+
+def test_page_of_measured_data_has_no_slides(tmp_path: Path) -> None:
+    curve = refusal_curve(np.ones(9), np.arange(9.0))
+    assert [p.title for p in pictures(ReportInputs(refusal={"aminn": curve}))] == [
+        "How sure the models are of a motion"
+    ]
 
 
 def test_failed_verification_is_said(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -13,8 +14,9 @@ import pytest
 from click.testing import CliRunner
 
 from aminn.data.dataset import Dataset
-from aminn.model.checkpoint import Checkpoint
-from aminn.pages.explain import RING_M, SHIFT_M, as_text, draw, explain_sample, softest
+from aminn.model.checkpoint import Checkpoint, build_model, load_checkpoint, save_checkpoint
+from aminn.model.config import ModelConfig
+from aminn.pages.explain import RING_M, SHIFT_M, as_text, contact_in_words, draw, explain_sample, softest
 from aminn.pages.grasp_picture import GraspPicture, draw_grasp, load_legend, turning
 from aminn_app.cli import main
 from aminn_base.errors import AminnError
@@ -38,6 +40,39 @@ def test_text_names_every_finger_and_the_verdict(runs: dict[str, Checkpoint], da
         assert word in text
     samples = dataset.samples | {"contacts": np.where(np.arange(3)[:, None] == 2, 0, dataset.samples["contacts"])}
     assert "out of contact" in as_text(explain_sample(runs["aminn"], replace(dataset, samples=samples), 7))
+
+
+def sliding_run(folder: Path, dataset: Dataset) -> Checkpoint:
+    """An untrained model whose contacts may slide."""
+    model = build_model("aminn", ModelConfig(friction="secant"), dataset.hand)
+    save_checkpoint(folder, model, {"tau": 0.5, "data_config_sha256": dataset.manifest["config_sha256"]})
+    return load_checkpoint(folder)
+
+
+def test_friction_of_each_contact_is_told(dataset: Dataset, tmp_path: Path) -> None:
+    run, x = sliding_run(tmp_path / "run", dataset), dataset.samples
+    loads = {f: explain_sample(run, replace(dataset, samples=x | {"w_e": f * x["w_e"]}), 7) for f in (1e-3, 1.0, 300.0)}
+    small, large = loads[1e-3], loads[300.0]
+    assert small.slides and not small.slide.any() and large.slide.any()
+    assert (large.use > small.use).all() and (small.friction > 0).all()
+    assert re.search(r"of its friction \(mu \d\.\d\d\): sticks", as_text(small))
+    assert re.search(r"of its friction \(mu \d\.\d\d\): slides, \S+ mm/N", as_text(large))
+    assert large.flat()["thumb_friction_use"] == large.use[2] and large.flat()["thumb_slide_m_N"] == large.slide[2]
+    near = replace(small, use=np.full(3, 0.95))
+    assert contact_in_words(near, 0) == "about to slide"
+    draw(large, tmp_path / "e.svg")
+
+
+def test_how_sure_it_is_stands_beside_the_motion(runs: dict[str, Checkpoint], dataset: Dataset) -> None:
+    rows = np.flatnonzero(dataset.samples["stable"] > 0)[:2].tolist()
+    e = explain_sample(runs["aminn"], dataset, rows[0])
+    out = runs["aminn"].model(**dataset.take(np.array(rows)).inputs())
+    assert e.bound == pytest.approx(float(out["bound_95"][0]), rel=1e-4)
+    assert e.flat()["p_slide"] == e.p_slide == pytest.approx(float(out["p_slide"][0]), rel=1e-4)
+    assert f"p_slide {e.p_slide:.3f}" in as_text(e) and "simulated: finger1 " in as_text(e)
+    assert "within the bound" in as_text(replace(e, bound=9.0))
+    assert "beyond the bound" in as_text(replace(e, bound=1e-9)) and not e.slides
+    assert f"{1e3 * dataset.hand.length_m * e.bound:.2g} mm" in as_text(e)
 
 
 def test_picture_is_written(runs: dict[str, Checkpoint], dataset: Dataset, tmp_path: Path) -> None:

@@ -105,6 +105,13 @@ def test_refusing_the_unsure_leaves_the_others_errors() -> None:
     assert np.isnan(metrics.refused_rms(np.zeros(0), np.zeros(0), 0.05))
 
 
+def test_refusal_curve_goes_from_all_cases_to_the_surest() -> None:
+    error = np.linspace(1.0, 0.1, 100)
+    curve = metrics.refusal_curve(error, error, most=0.5, points=6)
+    assert curve["refused"] == pytest.approx([0, 0.1, 0.2, 0.3, 0.4, 0.5])
+    assert curve["rmse_pose"] == pytest.approx([metrics.rms(error[k:]) for k in range(0, 60, 10)])
+
+
 def test_a_model_that_is_equally_unsure_of_all_gains_nothing_by_refusing() -> None:
     """Whatever the order of the load cases: who says nothing must not look as if it knew."""
     error = np.arange(1.0, 21.0)

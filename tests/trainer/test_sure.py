@@ -14,7 +14,7 @@ from test_sensor_data import measured_data
 from aminn.data import slides as slides_module
 from aminn.data.dataset import Dataset
 from aminn.data.slides import slid_cases, slides
-from aminn.evaluation.evaluate import learned
+from aminn.evaluation.evaluate import evaluate, format_table, learned
 from aminn.evaluation.metrics import auroc, pose_error
 from aminn.model.checkpoint import CARD, Checkpoint, build_model
 from aminn.model.config import ModelConfig, TrainConfig
@@ -73,6 +73,14 @@ def test_bound_holds_what_it_promises_where_it_was_corrected(
         "cases": int(dataset.split("train").samples["stable"].sum()),
         "checked": len(part),
     }
+
+
+def test_a_table_of_its_own_shows_it(some_slid: dict[str, Checkpoint], dataset: Dataset) -> None:
+    result = evaluate(list(some_slid.values()), dataset)
+    whole, sure = format_table(result).split("\n\n")
+    assert "analytical" in whole and "analytical" not in sure
+    assert "of slid" in sure and f"{result.table['mlp']['bound_coverage']:.1%}" in sure
+    assert "in bound" not in format_table(replace(result, table={"no_motion": result.table["no_motion"]}))
 
 
 def test_untrained_model_says_nothing(dataset: Dataset) -> None:

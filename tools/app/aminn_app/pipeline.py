@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aminn.data.dataset import MEASURED, is_measured
+from aminn.data.slides import slid_cases
 from aminn.evaluation.evaluate import Evaluation, names_of, truth
-from aminn.evaluation.metrics import pose_size, reliability, signed_work
+from aminn.evaluation.metrics import pose_error, pose_size, refusal_curve, reliability, signed_work
 from aminn.model.checkpoint import Checkpoint
 from aminn_base.errors import OutdatedError
 
@@ -112,6 +113,23 @@ def _example_grasp(result: Evaluation) -> GraspPicture:
     )
 
 
+def _slide_reliability(result: Evaluation, names: list[str]) -> dict[str, list[dict[str, float]]]:
+    """How often contacts slid by p_slide, of stable cases; nothing of measured data, which do not tell."""
+    if result.data.measured:
+        return {}
+    held = np.flatnonzero(result.data.samples["stable"] > 0)
+    slid = slid_cases(result.data.take(held))
+    found = {name: result.predictions[name].p_slide for name in names}
+    return {name: reliability(p[held], slid) for name, p in found.items() if p is not None}
+
+
+def _refusal(result: Evaluation, name: str) -> dict[str, list[float]]:
+    """The error of stable cases that is left where a model refuses what it is least sure of."""
+    held, length_m = np.flatnonzero(result.data.samples["stable"] > 0), result.data.hand.length_m
+    p = result.predictions[name].take(held)
+    return refusal_curve(pose_error(p.dx, result.data.samples["dx_ht"][held], length_m), p.doubt(length_m))
+
+
 def run_report(
     result: Evaluation, checkpoints: list[Checkpoint], differences: dict, out: Path, reports: Path | None = None
 ) -> None:
@@ -143,6 +161,8 @@ def run_report(
         histories={name: c.meta["history"] for name, c in zip(learned, checkpoints, strict=True)},
         operating={n: (c.meta["operating_curve"], c.meta["tau"]) for n, c in zip(learned, checkpoints, strict=True)},
         reliability={name: reliability(p, held) for name, p in probabilities.items()},
+        slide_reliability=_slide_reliability(result, learned),
+        refusal={name: _refusal(result, name) for name in learned},
         grasp=_example_grasp(result),
         verification=differences,
         reports=read_reports(reports, out) if reports else {},

@@ -22,6 +22,8 @@ from ..model.config import ModelConfig
 from ..model.network import Backbone, scaled_pose
 from .metrics import (
     COLUMNS,
+    SURE_COLUMNS,
+    Column,
     all_figures,
     bound_figures,
     calibration_figures,
@@ -379,18 +381,19 @@ def truth(evaluation: Evaluation) -> dict[str, float]:
 
 
 def format_table(evaluation: Evaluation) -> str:
-    """The table that the commands print."""
-    rows = [["model", *(c.title for c in COLUMNS.values())], ["", *(c.unit for c in COLUMNS.values())]]
-    for name, figures in evaluation.table.items():
-        rows.append([name, *_cells(figures)])
-    own = truth(evaluation)
-    rows.append(["ground truth", *_cells(own)])
-    return "\n".join([format_columns(rows), *evaluation.notes])
+    """The tables that the commands print: of all models, and of those that say how sure they are."""
+    whole = _format_rows(COLUMNS, evaluation.table | {"ground truth": truth(evaluation)})
+    sure = {name: figures for name, figures in evaluation.table.items() if "bound_coverage" in figures}
+    return "\n".join([whole, *(["", _format_rows(SURE_COLUMNS, sure)] if sure else []), *evaluation.notes])
 
 
-def _cells(figures: dict[str, float]) -> list[str]:
-    """A row of the table; a dash where there is no number."""
-    return [c.form.format(figures[k]) if np.isfinite(figures.get(k, np.nan)) else "-" for k, c in COLUMNS.items()]
+def _format_rows(columns: Mapping[str, Column], table: Mapping[str, Mapping[str, float]]) -> str:
+    """Figures by model, a dash where there is no number."""
+    rows = [["model", *(c.title for c in columns.values())], ["", *(c.unit for c in columns.values())]]
+    for name, figures in table.items():
+        found = {k: figures.get(k, np.nan) for k in columns}
+        rows.append([name, *(c.form.format(found[k]) if np.isfinite(found[k]) else "-" for k, c in columns.items())])
+    return format_columns(rows)
 
 
 def align_columns(rows: list[list[str]]) -> list[str]:

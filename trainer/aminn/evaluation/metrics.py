@@ -41,6 +41,18 @@ COLUMNS: dict[str, Column] = {
 """Figure of `evaluate.figures_of` -> column, in the order of the tables. But for the last, which a model's threshold
 decides as much as its errors do, errors are over all load cases that are truly stable."""
 
+SURE_COLUMNS: dict[str, Column] = {
+    "slide_auroc": Column("p_slide", "AUROC", "{:.3f}"),
+    "slide_ece": Column("p_slide", "ECE", "{:.3f}"),
+    "bound_coverage": Column("in bound", "of all", "{:.1%}"),
+    "bound_coverage_slid": Column("in bound", "of slid", "{:.1%}"),
+    "bound_width": Column("bound", "/ motion", "{:.3f}"),
+    "rmse_pose_all": Column("RMSE_pose", "none refused", "{:.4f}"),
+    "rmse_pose_refused_5pc": Column("RMSE_pose", "5% refused", "{:.4f}"),
+    "rmse_pose_refused_10pc": Column("RMSE_pose", "10% refused", "{:.4f}"),
+}
+"""The same of models that say how sure they are: over all load cases that are truly stable; widths are medians."""
+
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
@@ -178,6 +190,12 @@ def refused_rms(error: Array, doubt: Array, share: float) -> float:
     _, tie, count = np.unique(doubt, return_inverse=True, return_counts=True)
     squares = (np.bincount(tie, error**2) / count)[np.sort(tie)]
     return float(np.sqrt(squares[: len(error) - round(share * len(error))].mean()))
+
+
+def refusal_curve(error: Array, doubt: Array, most: float = 0.2, points: int = 41) -> dict[str, list[float]]:
+    """ "rmse_pose" that is left against the "refused" share, from none to `most`."""
+    shares = np.linspace(0, most, points).tolist()
+    return {"refused": shares, "rmse_pose": [refused_rms(error, doubt, share) for share in shares]}
 
 
 def refusal_figures(error: Array, doubt: Array) -> dict[str, float]:

@@ -1,5 +1,6 @@
-"""What the mechanics layer makes of one load case: springs, tendons and engagement of each finger, and the stiffness of
-the grasped tool with its principal compliances; as text and as a picture over the hand."""
+"""What the mechanics layer makes of one load case: springs, tendons, engagement and friction of each finger, and the
+stiffness of the grasped tool with its principal compliances; and how sure the model is. As text and as a picture over
+the hand."""
 
 from __future__ import annotations
 
@@ -18,12 +19,15 @@ from aminn_hand import Hand
 
 from ..data.dataset import MEASURED, Dataset
 from ..data.origin import check_hand, same_configuration
+from ..data.slides import SLID_M, slides
 from ..evaluation.metrics import holds, pose_error, pose_size
 from ..model.checkpoint import Checkpoint
 from ..model.network import Aminn
 
 Array = NDArray[np.float64]
 PICTURES = (".png", ".svg", ".pdf")
+NEAR_SLIDING = 0.9
+"""Share of its friction from which a contact that holds is said to be about to slide."""
 LEAST_SHARE, SHIFT_M, SPOKE_M, RING_M = 0.25, 0.05, 0.055, 0.011
 
 
@@ -44,6 +48,12 @@ class Explanation:
     k_x: Array  # (6, 6) stiffness, SI
     dx: Array  # (6,) predicted motion
     nominal_stiffness: Array  # (B, C) diagonal of the springs as described, or as theta has them, N.m/rad
+    p_slide: float  # probability that a contact slides, if the grasp holds
+    bound: float  # pose error that is not exceeded in 95 of 100
+    slides: bool  # whether the layer lets contacts slide; what follows is 0 where it does not
+    use: Array  # (B,) share of its friction that each contact uses if none slides, as stage 1 judges it
+    friction: Array  # (B,) friction coefficient that stage 1 takes
+    slide: Array  # (B,) how much each contact gives along the tool's surface by sliding, m/N, of stage 2
     of_training: bool = True  # whether the model was trained on data of this configuration and seed
 
     def row(self, name: str) -> Array:
@@ -83,11 +93,15 @@ class Explanation:
     def flat(self) -> dict[str, float | int]:
         """The numbers as flat keys."""
         found: dict[str, float | int] = {"sample": self.sample, "p_stable": self.p_stable, "tau": self.tau}
+        found |= {"p_slide": self.p_slide, "bound_95": self.bound}
         for b, own in enumerate(self.hand.branches):
             branch, gated = own.name, self.gain[b] > 0
             if gated:
                 found |= {f"{branch}_gate": float(self.gate[b]), f"{branch}_tendon_gain_Nm_rad": float(self.gain[b])}
                 found[f"{branch}_stretch_rad"] = float(self.stretch[b])
+            if self.slides:
+                found |= {f"{branch}_friction_use": float(self.use[b]), f"{branch}_friction": float(self.friction[b])}
+                found[f"{branch}_slide_m_N"] = float(self.slide[b])
             for i, joint in self.joints_of(b):
                 found[f"{branch}_{joint}_stiffness_Nm_rad"] = float(self.stiffness[b, i, i])
                 if gated:
@@ -134,6 +148,12 @@ def explain_sample(checkpoint: Checkpoint, data: Dataset, sample: int) -> Explan
         value["k_x"],
         value["dx_ht"],
         np.diagonal(lower @ lower.transpose(0, 2, 1), axis1=1, axis2=2),
+        float(value["p_slide"]),
+        float(value["bound_95"]),
+        model.stage2.backbone.dims.slides,
+        value["friction_use"],
+        value["s1_friction"],
+        value["s2_slide"],
         same_configuration(checkpoint, data),
     )
 
@@ -141,6 +161,29 @@ def explain_sample(checkpoint: Checkpoint, data: Dataset, sample: int) -> Explan
 def _motion(dx: Array) -> str:
     p, r = 1e3 * dx[:3], np.rad2deg(dx[3:])
     return f"({p[0]:+.3f} {p[1]:+.3f} {p[2]:+.3f}) mm, ({r[0]:+.2f} {r[1]:+.2f} {r[2]:+.2f}) deg"
+
+
+def _pose(error: float, length_m: float) -> str:
+    """A pose error in the units of a motion."""
+    return f"{error:.2g} ({1e3 * length_m * error:.2g} mm, or {np.rad2deg(error):.2g} deg)"
+
+
+def contact_in_words(e: Explanation, branch: int) -> str:
+    """What friction says of a contact, if contacts can slide: in a word or two."""
+    if not e.slides:
+        return ""
+    if e.slide[branch] > 0:
+        return f"slides, {1e3 * e.slide[branch]:.2g} mm/N"
+    return "sticks" if e.use[branch] < NEAR_SLIDING else "about to slide"
+
+
+def _slid(e: Explanation) -> str:
+    """What the data say of how far contacts slid."""
+    if e.data.measured:
+        return ""
+    far = 1e3 * slides(e.data.take(np.array([e.sample])))[0]
+    names = [f"{own.name} {far[b]:.2f}" for b, own in enumerate(e.hand.branches) if e.row("contacts")[b, 0] > 0]
+    return f"; {e.seen}: {', '.join(names)} mm" if names else ""
 
 
 def as_text(e: Explanation) -> str:
@@ -155,14 +198,22 @@ def as_text(e: Explanation) -> str:
         f"  predicted   {_motion(e.dx)}",
         f"  {e.seen:10}  {_motion(true)}" + ("" if held else "  (gave way: the model is not trained on such motion)"),
     ]
+    lines += [
+        f"  sure        pose error below {_pose(e.bound, e.hand.length_m)} in 95 of 100",
+        f"  slides      p_slide {e.p_slide:.3f}, that a contact slides by over {1e3 * SLID_M:g} mm if the grasp holds"
+        + _slid(e),
+    ]
     if not e.of_training:
         other = "measured, where" if e.data.measured else "of another configuration or seed than"
         lines.append(f"  data        {other} the model was trained on" + (" others" if e.data.measured else ""))
     if held:
         length_m = e.hand.length_m
-        share = pose_error(e.dx[None], true[None], length_m)[0] / max(pose_size(true[None], length_m)[0], 1e-9)
-        lines.append(f"  error       {share:.1%} of the motion")
+        error = pose_error(e.dx[None], true[None], length_m)[0]
+        share = error / max(pose_size(true[None], length_m)[0], 1e-9)
+        within = "within" if error <= e.bound else "beyond"
+        lines.append(f"  error       {share:.1%} of the motion: {_pose(error, length_m)}, {within} the bound")
     tendons = ", tendon direction, tendon stiffness, stretch, engagement" if e.hand.dims.gates else ""
+    tendons = (", friction" if e.slides else "") + tendons
     lines += ["", f"fingers: joint stiffness (times {e.springs_of}){tendons}"]
     for b, own in enumerate(e.hand.branches):
         branch, joints = own.name, e.joints_of(b)
@@ -174,6 +225,10 @@ def as_text(e: Explanation) -> str:
             for i, joint in joints
         )
         lines.append(f"  {branch:8} {springs}")
+        if e.slides:
+            lines.append(
+                f"           uses {e.use[b]:.2f} of its friction (mu {e.friction[b]:.2f}): {contact_in_words(e, b)}"
+            )
         if e.gain[b] == 0:
             continue
         direction = " ".join(f"{e.tendon[b, i]:+.2f}" for i, _ in joints)
@@ -269,6 +324,7 @@ def draw(e: Explanation, out: AnyPath) -> None:
     for b, branch in enumerate(hand.branches):
         foot = on_picture(ax, branch_points(hand, b, e.row("q"))[:1])[0]
         state = f"\nengaged {e.gate[b]:.2f}" if e.gain[b] > 0 else ""
+        state += f"\n{e.use[b]:.2f} of friction: {contact_in_words(e, b)}" if e.slides else ""
         text = branch.name + (state if e.row("contacts")[b, 0] > 0 else "\nno contact")
         ax.annotate(text, foot, color=BRANCH_COLOURS[b], fontsize=8, ha="center", va="top", bbox=LABEL, zorder=101)
     bars = figure.add_axes((0.68, 0.6, 0.3, 0.32))
@@ -298,9 +354,12 @@ def draw(e: Explanation, out: AnyPath) -> None:
         for side in ("top", "right"):
             panel.spines[side].set_visible(False)
     bars.tick_params(axis="x", labelsize=5.5)
-    verdict = f"p_stable {e.p_stable:.3f} (threshold {e.tau:.3f})"
+    verdict = (
+        f"p_stable {e.p_stable:.3f} (threshold {e.tau:.3f}), p_slide {e.p_slide:.3f}, "
+        f"pose error below {_pose(e.bound, hand.length_m)} in 95 of 100"
+    )
     black = "Black, 1 to 3: what K_x resists least. A line: a shift along it; a ring: a turn about its axis."
-    text = f"Load case {e.sample}: {verdict}. {load_legend(e.row('w_e'))}\n{black}"
+    text = f"Load case {e.sample}: {verdict}.\n{load_legend(e.row('w_e'))} {black}"
     figure.text(0.02, 0.02, text, fontsize=8)
     picture = io.BytesIO()
     figure.savefig(picture, format=kind.removeprefix("."), facecolor="white")

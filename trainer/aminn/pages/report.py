@@ -24,7 +24,7 @@ from aminn_base.files import write_atomically
 from aminn_base.read import AnyPath, read_json
 
 from ..evaluation.evaluate import BASELINES, KIND_NAMES
-from ..evaluation.metrics import COLUMNS
+from ..evaluation.metrics import COLUMNS, SURE_COLUMNS, Column
 from .grasp_picture import GraspPicture, draw_grasp
 
 Array = NDArray[np.float64]
@@ -85,7 +85,11 @@ class ReportInputs:
     operating: Mapping[str, tuple[Mapping[str, Sequence[float]], float]] = field(default_factory=dict)
     """Name -> (curve of `metrics.operating_curve` on validation data, the tau that was chosen)."""
     reliability: Mapping[str, Sequence[Mapping[str, float]]] = field(default_factory=dict)
-    """Name -> curve of `metrics.reliability`."""
+    """Name -> curve of `metrics.reliability`, of p_stable."""
+    slide_reliability: Mapping[str, Sequence[Mapping[str, float]]] = field(default_factory=dict)
+    """The same of p_slide over stable load cases."""
+    refusal: Mapping[str, Mapping[str, Sequence[float]]] = field(default_factory=dict)
+    """Name -> curve of `metrics.refusal_curve` over stable load cases."""
     grasp: GraspPicture | None = None
     """A grasp before and under load."""
     verification: Mapping[str, Value] = field(default_factory=dict)
@@ -270,7 +274,11 @@ def operating_figure(curves: Mapping[str, tuple[Mapping[str, Sequence[float]], f
 def reliability_figure(curves: Mapping[str, Sequence[Mapping[str, float]]]) -> Figure:
     """Share of cases that hold against the predicted probability; the size of a point is the number of cases."""
     figure = new_figure(4.6, 4.2)
-    ax = figure.subplots()
+    _draw_reliability(figure.subplots(), curves, "predicted p_stable", "share that holds")
+    return figure
+
+
+def _draw_reliability(ax: Axes, curves: Mapping[str, Sequence[Mapping[str, float]]], x_text: str, y_text: str) -> None:
     ax.plot([0, 1], [0, 1], color="#111111", linewidth=0.9)
     for name, bins in curves.items():
         total, colour = sum(b["n"] for b in bins), colour_of(name, list(curves))
@@ -278,8 +286,25 @@ def reliability_figure(curves: Mapping[str, Sequence[Mapping[str, float]]]) -> F
         x, y = [b["p"] for b in bins], [b["share"] for b in bins]
         ax.plot(x, y, color=colour, linewidth=1.2, label=label_of(name))
         ax.scatter(x, y, s=sizes, color=colour, alpha=0.4, linewidths=0)
-    tidy(ax, "predicted p_stable", "share that holds")
+    tidy(ax, x_text, y_text)
     ax.legend(fontsize=8, frameon=False)
+
+
+def sure_figure(
+    slides: Mapping[str, Sequence[Mapping[str, float]]], refusal: Mapping[str, Mapping[str, Sequence[float]]]
+) -> Figure:
+    """Share of cases that slid against p_slide, and the error that is left against the share of cases refused."""
+    figure = new_figure(5.2 * (bool(slides) + bool(refusal)), 3.9)
+    axes = list(figure.subplots(1, bool(slides) + bool(refusal), squeeze=False)[0])
+    if slides:
+        _draw_reliability(axes.pop(0), slides, "predicted p_slide", "share that slid")
+    if refusal:
+        for name, curve in refusal.items():
+            shares = [100 * share for share in curve["refused"]]
+            axes[0].plot(shares, curve["rmse_pose"], color=colour_of(name, list(refusal)), label=label_of(name))
+        tidy(axes[0], "refused, % of the stable cases", "RMSE_pose of the others")
+        axes[0].set_ylim(bottom=0)
+        axes[0].legend(fontsize=8, frameon=False)
     return figure
 
 
@@ -316,6 +341,13 @@ def pictures(inputs: ReportInputs) -> list[Picture]:
     if inputs.reliability:
         caption = "On the line, a share p of the cases with probability p holds. Large points: many cases."
         made.append(picture("Calibration of p_stable", caption, reliability_figure(inputs.reliability)))
+    if inputs.slide_reliability or inputs.refusal:
+        caption = (
+            "Stable load cases. On the line, a contact slid in a share p of the cases with p_slide p. Refused are the "
+            "cases of which a model is least sure: few cases, most of which slid, make most of the error."
+        )
+        figure = sure_figure(inputs.slide_reliability, inputs.refusal)
+        made.append(picture("How sure the models are of a motion", caption, figure))
     if inputs.histories:
         made.append(
             picture("Training", "Dashed: training data; solid: validation data.", training_figure(inputs.histories))
@@ -350,10 +382,10 @@ def read_reports(folder: AnyPath, page: AnyPath) -> dict[str, dict[str, Value]]:
     return found
 
 
-def result_table(rows: Sequence[Mapping[str, Value]]) -> list[list[str]]:
-    """Cells of the result table, row by row."""
+def result_table(rows: Sequence[Mapping[str, Value]], columns: Mapping[str, Column] = COLUMNS) -> list[list[str]]:
+    """Cells of a table of models, row by row."""
     return [
-        [label_of(str(row["model"]))] + [format_value(row.get(key), column.form) for key, column in COLUMNS.items()]
+        [label_of(str(row["model"]))] + [format_value(row.get(key), column.form) for key, column in columns.items()]
         for row in rows
     ]
 
@@ -390,6 +422,8 @@ def write_report(inputs: ReportInputs, out_html: AnyPath) -> None:
         inputs=inputs,
         columns=COLUMNS.values(),
         rows=result_table(inputs.rows),
+        sure_columns=SURE_COLUMNS.values(),
+        sure_rows=result_table([row for row in inputs.rows if "bound_coverage" in row], SURE_COLUMNS),
         headings=headings,
         differences=differences,
         dataset=_cells(inputs.dataset),
