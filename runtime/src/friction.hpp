@@ -12,7 +12,7 @@
 //   C = (D + H gamma H^T)^-1 (Q^T W e + H gamma t.e)   how the tool follows a slide, in U x
 //   G = e - Q C,  p = gamma (t.e - H^T C)              strain of the rows; what each tendon loses
 //   E = G^T W G + p^T p / gamma                        the stiffness that slides meet, a sum of squares
-//   F = n.(W G) + n.t p                                what the pressing loses, n in the rows of V
+//   F = n.(W (e - Q C)) + n.t p                        what the pressing gains, n in the rows of V
 //   t0 = C^T y                                         tangential forces if nothing slides
 //   (1 + E S) t = t0,  sigma = S t,  S = diag(s)       forces and slides of contacts that give
 //
@@ -52,7 +52,7 @@ struct Slides {
     SlideRow loosened[kMotion + kTendons]; // - H p, - p
     SlideRow strain[kYielding];            // G
     SlideRow meets[kSlides];               // E
-    SlideRow relief[kBranch];              // F
+    SlideRow taken[kBranch];               // - F
     SlideRow held;                         // t0
 };
 
@@ -143,10 +143,11 @@ AMINN_FUNCTION void place_contacts(const Branches *springs, const aminn_input_t 
             footing.give = add_product(footing.give, 0.5F * contact.d[i], u_across[i] * u_across[i]);
         }
         for (int k = 0; k < n; ++k) {
+            SlideRow *rows = slides.strain + 3 * (b + k);
             const int tangent = tangent_of(d, b + k);
-            for (int i = 0; i < 3; ++i) {
-                set_component(slides.strain[3 * (b + k) + i], tangent, branch_of(e[i], k));
-            }
+            set_component(rows[0], tangent, branch_of(e[0], k));
+            set_component(rows[1], tangent, branch_of(e[1], k));
+            set_component(rows[2], tangent, branch_of(e[2], k));
         }
         footing.preload[d] = c * dot_of<3>(across, believed);
     }
@@ -167,14 +168,12 @@ AMINN_FUNCTION void follow_slides(Grasp &grasp, const Tendons &tendons, const Ro
 {
     SlideRow *follow = slides.follow;
     SlideRow *strain = slides.strain;
-    float load[kMotion];
     AMINN_UNROLL_ROWS
     for (int i = 0; i < kMotion; ++i) {
         const int n = kHeld + i; // further down, column i of the rows is zero, or the strain
         inner_products(follow[i], strain, n, grasp.weight, grasp.rows, i);
         scale(follow[i], grasp.inv_d[i], follow[i]);
         eliminate(strain, n + 1, grasp.rows, i, follow[i]);
-        load[i] = y[i];
     }
     if constexpr (kGated) {
         SlideRow stretch[kBranch];
@@ -194,16 +193,19 @@ AMINN_FUNCTION void follow_slides(Grasp &grasp, const Tendons &tendons, const Ro
         }
     }
     squares<kSlides, kYielding>(slides.meets, strain, grasp.weight);
-    combine(slides.held, follow, kMotion, load);
+    combine_by(slides.held, follow, y);
 }
 
 // Tangential forces of contacts that give by s, and their slides: one slide after the other is let go, whereupon E is what is
 // left of the stiffness for those that follow.
+#if AMINN_CORTEX_M && AMINN_N_BRANCH == 3
+AMINN_INLINE void find_forces(const Slides &slides, const float *s, float *force, float *sigma)
+{
+    six_forces(slides.meets, slides.held, s, force, sigma);
+}
+#else
 AMINN_FUNCTION void find_forces(const Slides &slides, const float *s, float *force, float *sigma)
 {
-#if AMINN_CORTEX_M && AMINN_N_BRANCH == 3
-    six_forces(slides.meets, slides.held, s, force, sigma);
-#else
     SlideRow rows[kSlides];
     SlideRow left = slides.held;
     float share[kSlides];
@@ -236,8 +238,8 @@ AMINN_FUNCTION void find_forces(const Slides &slides, const float *s, float *for
             rest[j] = subtract_product(rest[j], rows[j][k], sigma[k]);
         }
     }
-#endif
 }
+#endif
 
 // A step of the secant: s of a group's contacts from the forces of the last step.
 AMINN_FUNCTION void soften(Footing &footing, Branches first, Branches second)
@@ -278,13 +280,9 @@ static void slide(const Branches *springs, const aminn_input_t &in, Grasp &grasp
     float slide[kSlideRoom]; // of all tangents
     float force[kSlideRoom];
     float sigma[kSlideRoom];
-    for (SlideRow &row : slides.strain) {
-        clear(row);
-    }
+    clear_rows(slides.strain, kHeld + kMotion);
     if constexpr (kGated) {
-        for (SlideRow &row : slides.loosened) {
-            clear(row);
-        }
+        clear_rows(slides.loosened, kMotion + kTendons);
     }
     for (int g = 0; g < kGroups; ++g) {
         const int b = g * kSideBySide;
@@ -293,8 +291,8 @@ static void slide(const Branches *springs, const aminn_input_t &in, Grasp &grasp
     }
     dots(normals, kBranch, z, along);
     follow_slides(grasp, tendons, y, slides);
-    for (int i = 0; i < kSlideRoom; ++i) {
-        force[i] = slides.held[i];
+    std::memcpy(force, &slides.held, sizeof slides.held);
+    for (int i = kSlides; i < kSlideRoom; ++i) {
         sigma[i] = 0.0F;
     }
     for (int g = 0; g < kGroups; ++g) {
@@ -310,17 +308,16 @@ static void slide(const Branches *springs, const aminn_input_t &in, Grasp &grasp
             footing.pressing = add_product(footing.pressing, footing.pull, gather(pulled, 1, n));
         }
         judge(in, g, force, footing, friction);
-        combine_branches(slides.relief + b, slides.strain + 3 * b, footing.normal, g);
-        if constexpr (kGated) {
-            for (int k = 0; k < n; ++k) {
-                float share[kMotion];
-                for (int i = 0; i < kMotion; ++i) {
-                    share[i] = grasp.inv_d[i] * normals[b + k][i];
-                }
-                SlideRow relief;
-                combine(relief, slides.loosened, kMotion, share);
-                add_scaled(relief, -branch_of(footing.pull, k), slides.loosened[kMotion + b + k]);
-                add_scaled(slides.relief[b + k], 1.0F, relief);
+        const Branches own[2] = {dot_of<3>(footing.normal, footing.e[0]), dot_of<3>(footing.normal, footing.e[1])};
+        for (int k = 0; k < n; ++k) {
+            SlideRow &taken = slides.taken[b + k];
+            combine_by(taken, slides.follow, normals[b + k]);
+            if constexpr (kGated) {
+                add_scaled(taken, branch_of(footing.pull, k), slides.loosened[kMotion + b + k]);
+            }
+            for (int d = 0; d < 2; ++d) {
+                const int tangent = tangent_of(d, b + k);
+                set_component(taken, tangent, taken[tangent] - branch_of(own[d], k));
             }
         }
     }
@@ -343,11 +340,11 @@ static void slide(const Branches *springs, const aminn_input_t &in, Grasp &grasp
             add_scaled(z, 1.0F, move);
             break;
         }
-        slide_dots(slides.relief, kBranch, moved, along);
+        slide_dots(slides.taken, kBranch, moved, along);
         for (int g = 0; g < kGroups; ++g) {
             const int b = g * kSideBySide;
             Footing &footing = footings[g];
-            footing.now = largest(broadcast(kLeastPressing), footing.pressing + gather(along + b, 1, in_group(g)));
+            footing.now = largest(broadcast(kLeastPressing), footing.pressing - gather(along + b, 1, in_group(g)));
         }
     }
     for (int g = 0; g < kGroups; ++g) {
@@ -403,24 +400,21 @@ AMINN_FUNCTION void soften_stiffness(const aminn_input_t &in, const Scene &scene
             Branches v[3] = {(e[0] + l[0] * e[1]) + l[1] * e[2], e[1] + l[2] * e[2], e[2]};
             add_square(d, softer, footings[g].slide, v);
         }
-        float minus_u[kSideBySide][3];
-        float stiffer[kSideBySide][3];
-        float minus_softer[kSideBySide][3];
         for (int i = 0; i < 3; ++i) {
             scatter(where_not_zero(flag, 1.0F / d[i]), grasp.weight + 3 * b + i, 3, n);
-            scatter(contact.minus_u[i], &minus_u[0][i], 3, n);
-            scatter(l[i], &stiffer[0][i], 3, n);
-            scatter(-softer[i], &minus_softer[0][i], 3, n);
+            softer[i] = -softer[i];
         }
         for (int k = 0; k < n; ++k) {
+            float room[3];
             Row *rows = grasp.rows + 3 * (b + k);
-            substitute<3>(rows, minus_u[k]);
+            substitute<3>(rows, three_of(contact.minus_u, k, room));
             if constexpr (kGated) {
-                add_scaled(rows[0], stiffer[k][0], rows[1]);
-                add_scaled(rows[0], stiffer[k][1], rows[2]);
-                add_scaled(rows[1], stiffer[k][2], rows[2]);
+                const float *stiffer = three_of(l, k, room);
+                add_scaled(rows[0], stiffer[0], rows[1]);
+                add_scaled(rows[0], stiffer[1], rows[2]);
+                add_scaled(rows[1], stiffer[2], rows[2]);
             }
-            substitute<3>(rows, minus_softer[k]);
+            substitute<3>(rows, three_of(softer, k, room));
         }
     }
     if constexpr (kTwisted) {

@@ -120,13 +120,9 @@ template <class AnyRow>
 AMINN_FUNCTION void combine_branches(AnyRow to[], const AnyRow rows[], const Branches coefficient[3], int g)
 {
     const int n = in_group(g);
-    float c[3][kSideBySide];
-    for (int i = 0; i < 3; ++i) {
-        scatter(coefficient[i], c[i], 1, n);
-    }
     for (int k = 0; k < n; ++k) {
-        const float own[3] = {c[0][k], c[1][k], c[2][k]};
-        combine(to[k], rows + 3 * k, 3, own);
+        float room[3];
+        combine(to[k], rows + 3 * k, 3, three_of(coefficient, k, room));
     }
 }
 

@@ -35,6 +35,17 @@ AMINN_INLINE float branch_of(Branches x, int)
 {
     return x;
 }
+// the numbers of a branch of the group, in `room` unless they lie side by side anyway
+AMINN_INLINE const float *three_of(const Branches x[3], int, float[3])
+{
+    return x;
+}
+// to = sum_i c[i] rows[i]
+template <class AnyRow>
+AMINN_INLINE void combine_by(AnyRow &to, const AnyRow rows[kMotion], const Row &c)
+{
+    combine(to, rows, kMotion, c.v);
+}
 // the sum of so many products
 template <int kCount>
 AMINN_INLINE Branches dot_of(const Branches *a, const Branches *b)
@@ -67,7 +78,7 @@ class WeightedRows {
     const Row *rows_;
 };
 
-// to = the inner products of the rows' columns: the upper half is computed, and both are stored
+// the upper half of to = the inner products of the rows' columns; numbers of the lower half have no meaning
 template <int kColumns, int kCount, class AnyRow>
 AMINN_FUNCTION void squares(AnyRow *to, const AnyRow *rows, const float *weight)
 {
@@ -81,9 +92,6 @@ AMINN_FUNCTION void squares(AnyRow *to, const AnyRow *rows, const float *weight)
         scale(to[j], weight[0] * rows[0][j], rows[0]);
         for (int r = 1; r < kCount; ++r) {
             add_scaled(to[j], weight[r] * rows[r][j], rows[r]);
-        }
-        for (int i = 0; i < j; ++i) {
-            set_component(to[j], i, to[i][j]);
         }
     }
 }

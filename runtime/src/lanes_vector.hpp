@@ -56,6 +56,20 @@ AMINN_INLINE float branch_of(Branches x, int k)
 {
     return x[k];
 }
+// the numbers of a branch of the group, in `room` unless they lie side by side anyway
+AMINN_INLINE const float *three_of(const Branches x[3], int k, float room[3])
+{
+    room[0] = x[0][k];
+    room[1] = x[1][k];
+    room[2] = x[2][k];
+    return room;
+}
+// to = sum_i c[i] rows[i]
+template <class AnyRow>
+AMINN_INLINE void combine_by(AnyRow &to, const AnyRow rows[kMotion], const Row &c)
+{
+    weighted_sum(to, rows, kMotion, [&c](int i) { return c[i]; });
+}
 AMINN_INLINE Branches add_product(Branches a, Branches b, Branches c)
 {
     return a + b * c;
@@ -107,7 +121,7 @@ class WeightedRows {
     const AnyRow *rows_;
 };
 
-// to = the inner products of the rows' columns: the upper half is computed, and stored twice
+// the upper half of to = the inner products of the rows' columns; numbers of the lower half have no meaning
 template <int kColumns, int kCount, class AnyRow>
 AMINN_INLINE void squares(AnyRow *to, const AnyRow *rows, const float *weight)
 {
@@ -117,13 +131,6 @@ AMINN_INLINE void squares(AnyRow *to, const AnyRow *rows, const float *weight)
         AMINN_UNROLL_ROWS
         for (int j = 0; j < kColumns; ++j) {
             weighted.add_products_of(r, j, to[j]);
-        }
-    }
-    AMINN_UNROLL_ROWS
-    for (int j = 1; j < kColumns; ++j) {
-        AMINN_UNROLL_ROWS
-        for (int i = 0; i < j; ++i) {
-            set_component(to[j], i, to[i][j]);
         }
     }
 }

@@ -7,6 +7,13 @@
 namespace aminn {
 inline namespace AMINN_CORE {
 
+template <class AnyRow>
+AMINN_INLINE void clear_rows(AnyRow *rows, int n)
+{
+    for (int r = 0; r < n; ++r) {
+        clear(rows[r]);
+    }
+}
 // to = sum_r c(r) rows[r]: the sum over even r plus that over odd r, for half the rounding errors and half the wait. n > 1.
 template <class AnyRow, class Coefficient>
 AMINN_INLINE void weighted_sum(AnyRow &to, const AnyRow *rows, int n, const Coefficient &c)

@@ -35,6 +35,15 @@ AMINN_INLINE void clear(Row &a)
         a.v[i] = zero;
     }
 }
+AMINN_FUNCTION void clear_rows(Row *rows, int n)
+{
+    __asm volatile("    vmov s0, s1, %[zero], %[zero]\n    vmov s2, s3, %[zero], %[zero]\n"
+                   "    vmov s4, s5, %[zero], %[zero]\n1:  vstmia %[rows]!, {s0-s5}\n"
+                   "    subs %[n], #1\n    bne 1b"
+                   : [rows] "+r"(rows), [n] "+r"(n)
+                   : [zero] "r"(0)
+                   : AMINN_ROW_REGISTERS);
+}
 AMINN_FUNCTION void scale(Row &a, float s, const Row &c)
 {
     __asm volatile("    vldmia %[c], {s6-s11}\n" AMINN_SIX("vmul.f32", "%[s]") AMINN_STORE
@@ -131,32 +140,38 @@ AMINN_INLINE void eliminate(Row *rows, int n, const Row *q, int j, const Row &fa
     subtract_products(rows, n, &q->v[j], factor);
 }
 
-// to = the inner products of the rows' columns, all 36 of 21
+#define AMINN_MUL(to, a, b) "    vmul.f32 s" #to ", s" #a ", s" #b "\n"
+#define AMINN_MLA(to, a, b) "    vmla.f32 s" #to ", s" #a ", s" #b "\n"
+#define AMINN_MLS(to, a, b) "    vmls.f32 s" #to ", s" #a ", s" #b "\n"
+#define AMINN_ALL_REGISTERS                                                                                         \
+    AMINN_ROW_REGISTERS, "s12", "s13", "s14", "s15", "s16", "s17", "s18", "s19", "s20", "s21", "s22", "s23", "s24", \
+        "s25", "s26", "s27", "s28", "s29", "s30", "s31"
+// the upper half of to = the inner products of the rows' columns, which s0-s20 sum
 AMINN_FUNCTION void six_squares(Row *to, const Row *row, int n, const float *weight)
 {
+    // clang-format off
     __asm volatile(
-        "    vldmia %[zero], {s0-s7}\n    vldmia %[zero], {s8-s15}\n    vldmia %[zero], {s16-s20}\n"
-        "1:  vldmia %[row]!, {s21-s26}\n    vldmia %[weight]!, {s27}\n"
-        "    vmul.f32 s28, s27, s21\n    vmla.f32 s0, s28, s21\n    vmla.f32 s1, s28, s22\n    vmla.f32 s2, s28, s23\n "
-        "   vmla.f32 s3, s28, s24\n    vmla.f32 s4, s28, s25\n    vmla.f32 s5, s28, s26\n"
-        "    vmul.f32 s29, s27, s22\n    vmla.f32 s6, s29, s22\n    vmla.f32 s7, s29, s23\n    vmla.f32 s8, s29, s24\n "
-        "   vmla.f32 s9, s29, s25\n    vmla.f32 s10, s29, s26\n"
-        "    vmul.f32 s30, s27, s23\n    vmla.f32 s11, s30, s23\n    vmla.f32 s12, s30, s24\n    vmla.f32 s13, s30, "
-        "s25\n    vmla.f32 s14, s30, s26\n"
-        "    vmul.f32 s31, s27, s24\n    vmla.f32 s15, s31, s24\n    vmla.f32 s16, s31, s25\n    vmla.f32 s17, s31, "
-        "s26\n"
-        "    vmul.f32 s28, s27, s25\n    vmla.f32 s18, s28, s25\n    vmla.f32 s19, s28, s26\n"
-        "    vmul.f32 s29, s27, s26\n    vmla.f32 s20, s29, s26\n"
-        "    subs %[n], #1\n    bne 1b\n"
-        "    vstmia %[to]!, {s0-s5}\n    vstmia %[to]!, {s1}\n    vstmia %[to]!, {s6-s10}\n    vstmia %[to]!, {s2}\n   "
-        " vstmia %[to]!, {s7}\n    vstmia %[to]!, {s11-s14}\n    vstmia %[to]!, {s3}\n    vstmia %[to]!, {s8}\n    "
-        "vstmia %[to]!, {s12}\n    vstmia %[to]!, {s15-s17}\n    vstmia %[to]!, {s4}\n    vstmia %[to]!, {s9}\n    "
-        "vstmia %[to]!, {s13}\n    vstmia %[to]!, {s16}\n    vstmia %[to]!, {s18-s19}\n    vstmia %[to]!, {s5}\n    "
-        "vstmia %[to]!, {s10}\n    vstmia %[to]!, {s14}\n    vstmia %[to]!, {s17}\n    vstmia %[to]!, {s19-s20}"
+        "    vldmia %[zero], {s0-s7}\n" "    vldmia %[zero], {s8-s15}\n" "    vldmia %[zero], {s16-s20}\n"
+        "1:  vldmia %[row]!, {s21-s26}\n" "    vldmia %[weight]!, {s27}\n"
+        AMINN_MUL(28, 27, 21) AMINN_MLA(0, 28, 21) AMINN_MLA(1, 28, 22) AMINN_MLA(2, 28, 23) AMINN_MLA(3, 28, 24)
+        AMINN_MLA(4, 28, 25) AMINN_MLA(5, 28, 26)
+        AMINN_MUL(29, 27, 22) AMINN_MLA(6, 29, 22) AMINN_MLA(7, 29, 23) AMINN_MLA(8, 29, 24) AMINN_MLA(9, 29, 25)
+        AMINN_MLA(10, 29, 26)
+        AMINN_MUL(30, 27, 23) AMINN_MLA(11, 30, 23) AMINN_MLA(12, 30, 24) AMINN_MLA(13, 30, 25) AMINN_MLA(14, 30, 26)
+        AMINN_MUL(31, 27, 24) AMINN_MLA(15, 31, 24) AMINN_MLA(16, 31, 25) AMINN_MLA(17, 31, 26)
+        AMINN_MUL(28, 27, 25) AMINN_MLA(18, 28, 25) AMINN_MLA(19, 28, 26)
+        AMINN_MUL(29, 27, 26) AMINN_MLA(20, 29, 26)
+        "    subs %[n], #1\n" "    bne 1b\n"
+        "    vstmia %[to]!, {s0-s5}\n" "    adds %[to], #4\n"
+        "    vstmia %[to]!, {s6-s10}\n" "    adds %[to], #8\n"
+        "    vstmia %[to]!, {s11-s14}\n" "    adds %[to], #12\n"
+        "    vstmia %[to]!, {s15-s17}\n" "    adds %[to], #16\n"
+        "    vstmia %[to]!, {s18-s19}\n" "    adds %[to], #20\n"
+        "    vstmia %[to], {s20}\n"
         : [to] "+r"(to), [row] "+r"(row), [n] "+r"(n), [weight] "+r"(weight)
         : [zero] "r"(kMinusZeros)
-        : AMINN_ROW_REGISTERS, "s12", "s13", "s14", "s15", "s16", "s17", "s18", "s19", "s20", "s21", "s22", "s23",
-          "s24", "s25", "s26", "s27", "s28", "s29", "s30", "s31");
+        : AMINN_ALL_REGISTERS);
+    // clang-format on
 }
 
 #if AMINN_N_SLIDE && AMINN_N_BRANCH == 3
@@ -164,63 +179,67 @@ AMINN_FUNCTION void six_squares(Row *to, const Row *row, int n, const float *wei
 AMINN_FUNCTION void six_forces(const Row *e, const Row &held, const float *s, float *force, float *sigma)
 {
     sigma += 6;
+    // clang-format off
     __asm volatile(
-        "    vldmia %[e]!, {s0-s5}\n    adds %[e], #4\n    vldmia %[e]!, {s6-s10}\n    adds %[e], #8\n"
-        "    vldmia %[e]!, {s11-s14}\n    adds %[e], #12\n    vldmia %[e]!, {s15-s17}\n    adds %[e], #16\n"
-        "    vldmia %[e]!, {s18-s19}\n    adds %[e], #20\n    vldmia %[e], {s20}\n"
-        "    vldmia %[held], {s21-s26}\n    vldmia %[s]!, {s27}\n    vmov.f32 s28, #1.0\n    vmov.f32 s29, s28\n"
-        "    vmla.f32 s28, s27, s0\n    vdiv.f32 s28, s29, s28\n    vstmia %[force]!, {s28}\n"
-        "    vmul.f32 s27, s27, s28\n    vmul.f32 s29, s27, s1\n    vmls.f32 s6, s29, s1\n"
-        "    vmls.f32 s7, s29, s2\n    vmls.f32 s8, s29, s3\n    vmls.f32 s9, s29, s4\n"
-        "    vmls.f32 s10, s29, s5\n    vmls.f32 s22, s29, s21\n    vmul.f32 s29, s27, s2\n"
-        "    vmls.f32 s11, s29, s2\n    vmls.f32 s12, s29, s3\n    vmls.f32 s13, s29, s4\n"
-        "    vmls.f32 s14, s29, s5\n    vmls.f32 s23, s29, s21\n    vmul.f32 s29, s27, s3\n"
-        "    vmls.f32 s15, s29, s3\n    vmls.f32 s16, s29, s4\n    vmls.f32 s17, s29, s5\n"
-        "    vmls.f32 s24, s29, s21\n    vmul.f32 s29, s27, s4\n    vmls.f32 s18, s29, s4\n"
-        "    vmls.f32 s19, s29, s5\n    vmls.f32 s25, s29, s21\n    vmul.f32 s29, s27, s5\n"
-        "    vmls.f32 s20, s29, s5\n    vmls.f32 s26, s29, s21\n    vldmia %[s]!, {s27}\n"
-        "    vmov.f32 s28, #1.0\n    vmov.f32 s29, s28\n    vmla.f32 s28, s27, s6\n    vdiv.f32 s28, s29, s28\n"
-        "    vstmia %[force]!, {s28}\n    vmul.f32 s27, s27, s28\n    vmul.f32 s29, s27, s7\n"
-        "    vmls.f32 s11, s29, s7\n    vmls.f32 s12, s29, s8\n    vmls.f32 s13, s29, s9\n"
-        "    vmls.f32 s14, s29, s10\n    vmls.f32 s23, s29, s22\n    vmul.f32 s29, s27, s8\n"
-        "    vmls.f32 s15, s29, s8\n    vmls.f32 s16, s29, s9\n    vmls.f32 s17, s29, s10\n"
-        "    vmls.f32 s24, s29, s22\n    vmul.f32 s29, s27, s9\n    vmls.f32 s18, s29, s9\n"
-        "    vmls.f32 s19, s29, s10\n    vmls.f32 s25, s29, s22\n    vmul.f32 s29, s27, s10\n"
-        "    vmls.f32 s20, s29, s10\n    vmls.f32 s26, s29, s22\n    vldmia %[s]!, {s27}\n"
-        "    vmov.f32 s28, #1.0\n    vmov.f32 s29, s28\n    vmla.f32 s28, s27, s11\n    vdiv.f32 s28, s29, s28\n"
-        "    vstmia %[force]!, {s28}\n    vmul.f32 s27, s27, s28\n    vmul.f32 s29, s27, s12\n"
-        "    vmls.f32 s15, s29, s12\n    vmls.f32 s16, s29, s13\n    vmls.f32 s17, s29, s14\n"
-        "    vmls.f32 s24, s29, s23\n    vmul.f32 s29, s27, s13\n    vmls.f32 s18, s29, s13\n"
-        "    vmls.f32 s19, s29, s14\n    vmls.f32 s25, s29, s23\n    vmul.f32 s29, s27, s14\n"
-        "    vmls.f32 s20, s29, s14\n    vmls.f32 s26, s29, s23\n    vldmia %[s]!, {s27}\n"
-        "    vmov.f32 s28, #1.0\n    vmov.f32 s29, s28\n    vmla.f32 s28, s27, s15\n    vdiv.f32 s28, s29, s28\n"
-        "    vstmia %[force]!, {s28}\n    vmul.f32 s27, s27, s28\n    vmul.f32 s29, s27, s16\n"
-        "    vmls.f32 s18, s29, s16\n    vmls.f32 s19, s29, s17\n    vmls.f32 s25, s29, s24\n"
-        "    vmul.f32 s29, s27, s17\n    vmls.f32 s20, s29, s17\n    vmls.f32 s26, s29, s24\n"
-        "    vldmia %[s]!, {s27}\n    vmov.f32 s28, #1.0\n    vmov.f32 s29, s28\n    vmla.f32 s28, s27, s18\n"
-        "    vdiv.f32 s28, s29, s28\n    vstmia %[force]!, {s28}\n    vmul.f32 s27, s27, s28\n"
-        "    vmul.f32 s29, s27, s19\n    vmls.f32 s20, s29, s19\n    vmls.f32 s26, s29, s25\n"
-        "    vldmia %[s]!, {s27}\n    vmov.f32 s28, #1.0\n    vmov.f32 s29, s28\n    vmla.f32 s28, s27, s20\n"
-        "    vdiv.f32 s28, s29, s28\n    vstmia %[force]!, {s28}\n    vldmdb %[force]!, {s27}\n"
-        "    vldmdb %[s]!, {s28}\n    vmul.f32 s26, s27, s26\n    vmul.f32 s28, s28, s26\n"
-        "    vstmdb %[sigma]!, {s28}\n    vmls.f32 s21, s5, s28\n    vmls.f32 s22, s10, s28\n"
-        "    vmls.f32 s23, s14, s28\n    vmls.f32 s24, s17, s28\n    vmls.f32 s25, s19, s28\n"
-        "    vldmdb %[force]!, {s27}\n    vldmdb %[s]!, {s28}\n    vmul.f32 s25, s27, s25\n"
-        "    vmul.f32 s28, s28, s25\n    vstmdb %[sigma]!, {s28}\n    vmls.f32 s21, s4, s28\n"
-        "    vmls.f32 s22, s9, s28\n    vmls.f32 s23, s13, s28\n    vmls.f32 s24, s16, s28\n"
-        "    vldmdb %[force]!, {s27}\n    vldmdb %[s]!, {s28}\n    vmul.f32 s24, s27, s24\n"
-        "    vmul.f32 s28, s28, s24\n    vstmdb %[sigma]!, {s28}\n    vmls.f32 s21, s3, s28\n"
-        "    vmls.f32 s22, s8, s28\n    vmls.f32 s23, s12, s28\n    vldmdb %[force]!, {s27}\n"
-        "    vldmdb %[s]!, {s28}\n    vmul.f32 s23, s27, s23\n    vmul.f32 s28, s28, s23\n"
-        "    vstmdb %[sigma]!, {s28}\n    vmls.f32 s21, s2, s28\n    vmls.f32 s22, s7, s28\n"
-        "    vldmdb %[force]!, {s27}\n    vldmdb %[s]!, {s28}\n    vmul.f32 s22, s27, s22\n"
-        "    vmul.f32 s28, s28, s22\n    vstmdb %[sigma]!, {s28}\n    vmls.f32 s21, s1, s28\n"
-        "    vldmdb %[force]!, {s27}\n    vldmdb %[s]!, {s28}\n    vmul.f32 s21, s27, s21\n"
-        "    vmul.f32 s28, s28, s21\n    vstmdb %[sigma]!, {s28}\n    vstmia %[force], {s21-s26}\n"
+        "    vldmia %[e]!, {s0-s5}\n" "    adds %[e], #4\n"
+        "    vldmia %[e]!, {s6-s10}\n" "    adds %[e], #8\n"
+        "    vldmia %[e]!, {s11-s14}\n" "    adds %[e], #12\n"
+        "    vldmia %[e]!, {s15-s17}\n" "    adds %[e], #16\n"
+        "    vldmia %[e]!, {s18-s19}\n" "    adds %[e], #20\n"
+        "    vldmia %[e], {s20}\n" "    vldmia %[held], {s21-s26}\n"
+        "    vldmia %[s]!, {s27}\n" "    vmov.f32 s28, #1.0\n" "    vmov.f32 s29, s28\n"
+        AMINN_MLA(28, 27, 0) "    vdiv.f32 s28, s29, s28\n" "    vstmia %[force]!, {s28}\n"
+        AMINN_MUL(27, 27, 28) AMINN_MUL(29, 27, 1) AMINN_MLS(6, 29, 1) AMINN_MLS(7, 29, 2) AMINN_MLS(8, 29, 3)
+        AMINN_MLS(9, 29, 4) AMINN_MLS(10, 29, 5) AMINN_MLS(22, 29, 21)
+        AMINN_MUL(29, 27, 2) AMINN_MLS(11, 29, 2) AMINN_MLS(12, 29, 3) AMINN_MLS(13, 29, 4) AMINN_MLS(14, 29, 5)
+        AMINN_MLS(23, 29, 21)
+        AMINN_MUL(29, 27, 3) AMINN_MLS(15, 29, 3) AMINN_MLS(16, 29, 4) AMINN_MLS(17, 29, 5) AMINN_MLS(24, 29, 21)
+        AMINN_MUL(29, 27, 4) AMINN_MLS(18, 29, 4) AMINN_MLS(19, 29, 5) AMINN_MLS(25, 29, 21)
+        AMINN_MUL(29, 27, 5) AMINN_MLS(20, 29, 5) AMINN_MLS(26, 29, 21)
+        "    vldmia %[s]!, {s27}\n" "    vmov.f32 s28, #1.0\n" "    vmov.f32 s29, s28\n"
+        AMINN_MLA(28, 27, 6) "    vdiv.f32 s28, s29, s28\n" "    vstmia %[force]!, {s28}\n"
+        AMINN_MUL(27, 27, 28) AMINN_MUL(29, 27, 7) AMINN_MLS(11, 29, 7) AMINN_MLS(12, 29, 8) AMINN_MLS(13, 29, 9)
+        AMINN_MLS(14, 29, 10) AMINN_MLS(23, 29, 22)
+        AMINN_MUL(29, 27, 8) AMINN_MLS(15, 29, 8) AMINN_MLS(16, 29, 9) AMINN_MLS(17, 29, 10) AMINN_MLS(24, 29, 22)
+        AMINN_MUL(29, 27, 9) AMINN_MLS(18, 29, 9) AMINN_MLS(19, 29, 10) AMINN_MLS(25, 29, 22)
+        AMINN_MUL(29, 27, 10) AMINN_MLS(20, 29, 10) AMINN_MLS(26, 29, 22)
+        "    vldmia %[s]!, {s27}\n" "    vmov.f32 s28, #1.0\n" "    vmov.f32 s29, s28\n"
+        AMINN_MLA(28, 27, 11) "    vdiv.f32 s28, s29, s28\n" "    vstmia %[force]!, {s28}\n"
+        AMINN_MUL(27, 27, 28) AMINN_MUL(29, 27, 12) AMINN_MLS(15, 29, 12) AMINN_MLS(16, 29, 13) AMINN_MLS(17, 29, 14)
+        AMINN_MLS(24, 29, 23)
+        AMINN_MUL(29, 27, 13) AMINN_MLS(18, 29, 13) AMINN_MLS(19, 29, 14) AMINN_MLS(25, 29, 23)
+        AMINN_MUL(29, 27, 14) AMINN_MLS(20, 29, 14) AMINN_MLS(26, 29, 23)
+        "    vldmia %[s]!, {s27}\n" "    vmov.f32 s28, #1.0\n" "    vmov.f32 s29, s28\n"
+        AMINN_MLA(28, 27, 15) "    vdiv.f32 s28, s29, s28\n" "    vstmia %[force]!, {s28}\n"
+        AMINN_MUL(27, 27, 28) AMINN_MUL(29, 27, 16) AMINN_MLS(18, 29, 16) AMINN_MLS(19, 29, 17) AMINN_MLS(25, 29, 24)
+        AMINN_MUL(29, 27, 17) AMINN_MLS(20, 29, 17) AMINN_MLS(26, 29, 24)
+        "    vldmia %[s]!, {s27}\n" "    vmov.f32 s28, #1.0\n" "    vmov.f32 s29, s28\n"
+        AMINN_MLA(28, 27, 18) "    vdiv.f32 s28, s29, s28\n" "    vstmia %[force]!, {s28}\n"
+        AMINN_MUL(27, 27, 28) AMINN_MUL(29, 27, 19) AMINN_MLS(20, 29, 19) AMINN_MLS(26, 29, 25)
+        "    vldmia %[s]!, {s27}\n" "    vmov.f32 s28, #1.0\n" "    vmov.f32 s29, s28\n"
+        AMINN_MLA(28, 27, 20) "    vdiv.f32 s28, s29, s28\n" "    vstmia %[force]!, {s28}\n"
+        "    vldmdb %[force]!, {s27}\n" "    vldmdb %[s]!, {s28}\n" AMINN_MUL(26, 27, 26) AMINN_MUL(28, 28, 26)
+        "    vstmdb %[sigma]!, {s28}\n"
+        AMINN_MLS(21, 5, 28) AMINN_MLS(22, 10, 28) AMINN_MLS(23, 14, 28) AMINN_MLS(24, 17, 28) AMINN_MLS(25, 19, 28)
+        "    vldmdb %[force]!, {s27}\n" "    vldmdb %[s]!, {s28}\n" AMINN_MUL(25, 27, 25) AMINN_MUL(28, 28, 25)
+        "    vstmdb %[sigma]!, {s28}\n"
+        AMINN_MLS(21, 4, 28) AMINN_MLS(22, 9, 28) AMINN_MLS(23, 13, 28) AMINN_MLS(24, 16, 28)
+        "    vldmdb %[force]!, {s27}\n" "    vldmdb %[s]!, {s28}\n" AMINN_MUL(24, 27, 24) AMINN_MUL(28, 28, 24)
+        "    vstmdb %[sigma]!, {s28}\n"
+        AMINN_MLS(21, 3, 28) AMINN_MLS(22, 8, 28) AMINN_MLS(23, 12, 28)
+        "    vldmdb %[force]!, {s27}\n" "    vldmdb %[s]!, {s28}\n" AMINN_MUL(23, 27, 23) AMINN_MUL(28, 28, 23)
+        "    vstmdb %[sigma]!, {s28}\n"
+        AMINN_MLS(21, 2, 28) AMINN_MLS(22, 7, 28)
+        "    vldmdb %[force]!, {s27}\n" "    vldmdb %[s]!, {s28}\n" AMINN_MUL(22, 27, 22) AMINN_MUL(28, 28, 22)
+        "    vstmdb %[sigma]!, {s28}\n"
+        AMINN_MLS(21, 1, 28)
+        "    vldmdb %[force]!, {s27}\n" "    vldmdb %[s]!, {s28}\n" AMINN_MUL(21, 27, 21) AMINN_MUL(28, 28, 21)
+        "    vstmdb %[sigma]!, {s28}\n"
+        "    vstmia %[force], {s21-s26}\n"
         : [e] "+r"(e), [s] "+r"(s), [force] "+r"(force), [sigma] "+r"(sigma)
         : [held] "r"(held.v)
-        : AMINN_ROW_REGISTERS, "s12", "s13", "s14", "s15", "s16", "s17", "s18", "s19", "s20", "s21", "s22", "s23",
-          "s24", "s25", "s26", "s27", "s28", "s29");
+        : AMINN_ALL_REGISTERS);
+    // clang-format on
 }
 #endif
 
