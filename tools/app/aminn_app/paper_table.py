@@ -79,9 +79,9 @@ COLUMNS = {
     "F1": ("f1", "{:.3f}"),
     "AUROC": ("auroc", "{:.3f}"),
     "ECE": ("ece", "{:.3f}"),
-    "all stable": ("rmse_pose_all", "{:.4f}"),
-    "stuck": ("rmse_pose_stuck", "{:.4f}"),
-    "slid": ("rmse_pose_slid", "{:.3f}"),
+    "RMSE_pose": ("rmse_pose_all", "{:.4f}"),
+    "of stuck": ("rmse_pose_stuck", "{:.4f}"),
+    "of slid": ("rmse_pose_slid", "{:.3f}"),
     "mm": ("rmse_mm_all", "{:.2f}"),
     "deg": ("rmse_deg_all", "{:.2f}"),
     "relative, median": ("relative_error_median_all", "{:.3f}"),
@@ -93,9 +93,9 @@ COLUMNS = {
     "w.dx < 0": ("passivity_violation_full", "{:.2%}"),
     "passed": ("rmse_pose", "{:.4f}"),
 }
-LEARNING = ("F1", "all stable", "slid", "relative, median", "p90")
-ABLATION_TOLD = ("F1", "all stable", "slid")
-ABLATION = ("F1", "all stable", "stuck", "slid", "relative, median", "p90", "passed")
+LEARNING = ("F1", "RMSE_pose", "of slid", "relative, median", "p90")
+ABLATION_TOLD = ("F1", "RMSE_pose", "of slid")
+ABLATION = ("F1", "RMSE_pose", "of stuck", "of slid", "relative, median", "p90", "passed")
 
 
 def _cell(row: Row, figure: str, form: str) -> str:
@@ -150,7 +150,7 @@ def comparison(study: Study) -> str:
             cells = [_cell(study.row(test, model), figure, form) for figure, form in COLUMNS.values()]
             rows.append([f"**{title}**" if model == "aminn" else "", name, *cells])
         label = study.row(test, "label")
-        noise = {"all stable": "noise_floor_rmse_pose", "relative, median": "noise_floor_relative_error_median",
+        noise = {"RMSE_pose": "noise_floor_rmse_pose", "relative, median": "noise_floor_relative_error_median",
                  "p90": "noise_floor_relative_error_p90", "F1": "noise_floor_f1"}  # fmt: skip
         own = {c: noise.get(c, figure) for c, (figure, _) in COLUMNS.items() if c not in ("passed", "5 % refused")}
         cells = [_cell(label, own.get(c, ""), form) for c, (_, form) in COLUMNS.items()]
@@ -172,7 +172,7 @@ def told(study: Study) -> str:
     return _table(["test cases", "told", "model", *kept], rows)
 
 
-RATIOS = ("all stable", "stuck", "slid", "relative, median", "p90", "over 0.01", "passed")
+RATIOS = ("RMSE_pose", "of stuck", "of slid", "relative, median", "p90", "over 0.01", "passed")
 
 
 def ratios(study: Study) -> str:
@@ -215,7 +215,7 @@ def sure(study: Study) -> str:
     columns = {"p_slide, AUROC": ("slide_auroc", "{:.3f}"), "ECE": ("slide_ece", "{:.3f}"),
                "within bound_95": ("bound_coverage", "{:.3f}"), "of slid": ("bound_coverage_slid", "{:.3f}"),
                "width": ("bound_width", "{:.2f}"), "slid": ("slid_share", "{:.1%}"),
-               "none refused": COLUMNS["all stable"], "5 %": COLUMNS["5 % refused"],
+               "none refused": COLUMNS["RMSE_pose"], "5 %": COLUMNS["5 % refused"],
                "10 %": COLUMNS["10 % refused"]}  # fmt: skip
     rows = []
     for test, title in SETS.items():
@@ -239,7 +239,7 @@ def learning_curve(study: Study) -> str:
 
 def summary(study: Study) -> str:
     """The short table of the README: new grasps, all models."""
-    kept = ("F1", "ECE", "all stable", "stuck", "slid", "relative, median", "p90", "5 % refused", "w.dx < 0")
+    kept = ("F1", "ECE", "RMSE_pose", "of stuck", "of slid", "relative, median", "p90", "5 % refused", "w.dx < 0")
     rows = []
     for model, name in MODELS.items():
         for inputs, text in INPUTS.items() if model in BOTH else [("", "")]:
@@ -424,7 +424,7 @@ def groups(study: Study) -> str:
 
 def noise(study: Study) -> str:
     """Both models under noisy sensors."""
-    kept, rows = ("F1", "all stable", "relative, median", "p90", "over 0.01", "passed"), []
+    kept, rows = ("F1", "RMSE_pose", "relative, median", "p90", "over 0.01", "passed"), []
     for inputs, text in INPUTS.items():
         for factor in (0.0, *NOISE_FACTORS):
             found = [study.row("iid", m, part=noise_part(factor) if factor else "", inputs=inputs) for m in BOTH]
