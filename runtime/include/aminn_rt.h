@@ -65,9 +65,9 @@
  *     every context that was initialised with it. A model made by aminn_model_from_blob() points into the blob: the
  *     blob must outlive it, unchanged.
  *   - The context (aminn_t) belongs to the caller: static, on a stack, wherever. sizeof(aminn_t) is a compile-time
- *     constant and is all the working memory that a prediction needs beside its stack (about 3 kB on a Cortex-M7;
- *     docs/runtime.md has the measured figure). It may be moved or copied with memcpy between calls. There is nothing
- *     to free.
+ *     constant and is all the working memory that a prediction needs beside its stack (about 3 kB on a Cortex-M7, 5 kB
+ *     with contacts that slide; docs/runtime.md has the measured figure). It may be moved or copied with memcpy between
+ *     calls. There is nothing to free.
  *   - Alignment: natural alignment of float and of pointers. No stricter alignment is ever assumed.
  *
  * REENTRANCY, THREADS AND INTERRUPTS
@@ -428,10 +428,12 @@ typedef struct aminn_output {
     /* probability that the grasp holds, 0 .. 1 */
     float p_stable;
 
-    /* displacement of the tool in the hand: translation (m), rotation vector (rad), axes of H */
+    /* displacement of the tool in the hand: translation (m), rotation vector (rad), axes of H; where contacts can slide
+     * cut as a whole to the model's max_translation and max_rotation */
     float dx_ht[AMINN_N_WRENCH];
 
-    /* stiffness of the grasped tool, symmetric positive definite: N/m, N/rad, N.m/m, N.m/rad by block */
+    /* stiffness of the grasped tool, symmetric positive definite: N/m, N/rad, N.m/m, N.m/rad by block; of contacts that
+     * slide the secant from rest: without the cut k_x dx_ht = w_e */
     float k_x[AMINN_N_WRENCH][AMINN_N_WRENCH];
 
     /* engagement of each branch's tendon, 0 .. 1 */
@@ -477,8 +479,8 @@ typedef struct aminn_stage_debug {
     float slide[AMINN_N_BRANCH];      /* compliance of each contact's sliding, m/N */
     float dx0[AMINN_N_WRENCH];        /* displacement with springs alone, m and rad */
     float dq0[AMINN_N_BRANCH][AMINN_N_COORD];  /* deflection of the branch coordinates with springs alone, rad */
-    float dx[AMINN_N_WRENCH];                  /* displacement with tendons, m and rad */
-    float k_x[AMINN_N_WRENCH][AMINN_N_WRENCH]; /* stiffness with tendons, SI */
+    float dx[AMINN_N_WRENCH];                  /* displacement with tendons, and with contacts that slid; m and rad */
+    float k_x[AMINN_N_WRENCH][AMINN_N_WRENCH]; /* stiffness with both, SI */
     float gate[AMINN_N_BRANCH];                /* tendon engagement, 0 .. 1 */
 } aminn_stage_debug_t;
 
@@ -694,7 +696,7 @@ aminn_status_t aminn_predict_state(aminn_t *ctx, const aminn_state_t *state, ami
  *
  * Returns AMINN_OK; AMINN_E_NULL; AMINN_E_NOT_INITIALISED; AMINN_E_SENSORS where the model sees none, after which ctx is as
  * before. A prediction returns AMINN_E_SENSORS where a number is not finite, known or not, a flag is neither 0 nor 1, a known
- * coefficient of friction is not above 0, or its standard deviation is negative; a bad state comes first. About a thirtieth of a
+ * coefficient of friction is not above 0, or its standard deviation is negative; a bad state comes first. About 4 % of a
  * prediction more where the weight is known, and nothing of it is linked unless called.
  */
 aminn_status_t aminn_sense(aminn_t *ctx, const aminn_sensors_t *sensors);

@@ -23,7 +23,8 @@ ENTRY = "aminn_predict_state"
 SELF_TEST_ENTRY = "aminn_self_test"
 # Frames of the C library's functions that the runtime calls (newlib-nano, read off their disassembly).
 LIBRARY_FRAMES = {"memcpy": 8, "memset": 8, "memmove": 8, "memcmp": 8}
-# What the call graph does not name: the one function that a context may point to.
+# What the call graph does not name: of the functions that a context may point to the one that is always linked. That of
+# aminn_sense() lies no deeper than the prediction that follows it.
 INDIRECT = {"__indirect_call": "aminn_correct"}
 PUSH_ENTRY = "aminn_calibrate_push"
 LOAD_ENTRY = "aminn_admissible_load"
