@@ -17,11 +17,11 @@ from aminn.data.slides import slid_cases, slides
 from aminn.evaluation.evaluate import evaluate, format_table, learned
 from aminn.evaluation.metrics import auroc, pose_error
 from aminn.model.checkpoint import CARD, Checkpoint, build_model
-from aminn.model.config import ModelConfig, TrainConfig
+from aminn.model.config import ModelConfig, SensorDraws, TrainConfig
 from aminn.model.sure import Sure
 from aminn.training import sure as sure_module
-from aminn.training.sure import _correct, _newton, _quantile
-from aminn.training.train import train
+from aminn.training.sure import _correct, _newton, _quantile, fit_sure
+from aminn.training.train import as_seen, train
 
 SHORT = TrainConfig(epochs=2)
 
@@ -67,7 +67,7 @@ def test_bound_holds_what_it_promises_where_it_was_corrected(
     sure, slid = some_slid[kind].model.sure, slid_cases(part)
     assert slid.sum() >= sure_module.LEAST_SLID and (np.diff(sure.edge.numpy()) > 0).all()
     within = error <= bound
-    assert within.mean() >= 0.94 and within[slid].mean() >= 0.88
+    assert within.mean() >= 0.95 and within[slid].mean() >= 0.88
     assert some_slid[kind].meta["sure"] == {
         "p_slide": "learned",
         "cases": int(dataset.split("train").samples["stable"].sum()),
@@ -151,7 +151,6 @@ def test_measured_data_tell_no_slides(runs: dict[str, Checkpoint], dataset: Data
     anew = train(SHORT, lab, tmp_path / "anew")
     start = runs["aminn"].model.sure
     assert torch.equal(tuned.model.sure.out.weight[0], start.out.weight[0])
-    assert not torch.equal(tuned.model.sure.out.weight[1], start.out.weight[1])
     assert tuned.meta["sure"]["p_slide"] == "kept" and anew.meta["sure"]["p_slide"] == "unknown"
     for run, said in ((tuned, "that of the model it was fine-tuned from"), (anew, "says nothing")):
         assert said in (run.path / CARD).read_text()
@@ -159,6 +158,17 @@ def test_measured_data_tell_no_slides(runs: dict[str, Checkpoint], dataset: Data
     assert (out["p_slide"] == 0.5).all()
     part, _, bound, error = held_back(anew, lab, "validation")
     assert (error <= bound).mean() >= 0.95 and len(part)
+
+
+def test_bound_is_blind_to_the_use_of_friction(dataset: Dataset) -> None:
+    """Telling the tool's weight adds to the use of friction and not to errors."""
+    model = build_model("aminn", ModelConfig(friction="secant"), dataset.hand)
+    train_part, validation = (as_seen(dataset.split(name), model.config) for name in ("train", "validation"))
+    fit_sure(model, train_part, validation, SensorDraws(), started=False)
+    branches, width = dataset.hand.dims.branches, model.config.width
+    slide, bound = model.sure.out.weight.detach()
+    use = slice(width + 1, width + 1 + branches)
+    assert not bound[use].any() and slide[use].any() and bound[width + 1 + branches :].any()
 
 
 def test_no_case_slid_and_all_did(dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -40,8 +40,6 @@ RIDGE = 1e-4
 SMOOTHING = (0.5, 0.2, 0.1, 0.05)
 """Widths, in the logarithm of an error, over which the quantile loss is rounded off, one solution starting the next."""
 NEWTON_STEPS = 25
-SLID_WEIGHT = 5.0
-"""How often a case that slid counts where the bound is learned: it is for these that one is needed."""
 UNFORESEEN = 0.03
 """Share of the cases that slid in the lowest bin of p_slide; the others share the rest evenly."""
 SLID_COVERED = 0.97
@@ -50,6 +48,8 @@ LOWEST_COVERED = (0.9, COVERED)
 """Least and largest share of the cases that it holds in the lowest bin, where the others hold more."""
 LEAST_SLID = 20
 """Fewer validation cases that slid make no bins: one factor for all."""
+ROUNDING = 1e-5
+"""By how much a factor is more than the error of the case that it is from, which it is to hold in single precision."""
 LEAST_ERROR = 1e-6
 """A pose error that is as good as none."""
 
@@ -83,6 +83,7 @@ def _cases(model: Aminn | Mlp, part: Dataset, draws: SensorDraws) -> _Cases:
 def fit_sure(model: Aminn | Mlp, train: Dataset, validation: Dataset, draws: SensorDraws, started: bool) -> dict:
     """Fit `model.sure` once all else is trained; the parts of the data tell all that may be known of sensors.
 
+    The bound does not see the use of friction: that is larger where the tool's weight is told, and errors are not.
     Measured data do not say what slid: then p_slide stays what it was in the model that was `started` from, whose
     features may have moved since, or says nothing. Returns what there is to say of it.
     """
@@ -95,6 +96,10 @@ def fit_sure(model: Aminn | Mlp, train: Dataset, validation: Dataset, draws: Sen
     scale = torch.where(spread > 0, 1 / spread.clamp_min(LEAST_SPREAD), 0.0)
     scaled = torch.cat([(seen - mean) * scale, torch.ones_like(seen[:, :1])], 1)
 
+    seen_use = slice(learn.feature.shape[1] + 1, learn.feature.shape[1] + 1 + (learn.statics.shape[1] - 1) // 3)
+    blind = scaled.clone()
+    blind[:, seen_use] = 0
+
     def put(row: int, weight: Tensor) -> None:
         own = weight[:-1] * scale
         sure.out.weight[row], sure.out.bias[row] = own, weight[-1] - own @ mean
@@ -104,7 +109,7 @@ def fit_sure(model: Aminn | Mlp, train: Dataset, validation: Dataset, draws: Sen
             put(0, _slide_weights(scaled, learn.slid))
         elif not started:
             sure.out.weight[0], sure.out.bias[0] = 0.0, 0.0
-        put(1, _bound_weights(scaled, learn))
+        put(1, _bound_weights(blind, learn))
         _correct(sure, check)
     slides = "kept" if started else "unknown"
     return {"p_slide": slides if learn.slid is None else "learned", "cases": learn.cases, "checked": check.cases}
@@ -128,9 +133,6 @@ def _slide_weights(scaled: Tensor, slid: NDArray[np.bool_]) -> Tensor:
 def _bound_weights(scaled: Tensor, learn: _Cases) -> Tensor:
     """Weights (k) of the logarithm of the error's quantile, on inputs (n, k) of which the last is 1."""
     log_error = torch.as_tensor(np.log(np.maximum(learn.error, LEAST_ERROR)))
-    weight = torch.ones_like(log_error)
-    if learn.slid is not None:
-        weight[torch.as_tensor(learn.slid)] = SLID_WEIGHT
     found = torch.zeros_like(scaled[0])
     found[-1] = float(np.quantile(log_error.numpy(), COVERED))
 
@@ -138,7 +140,7 @@ def _bound_weights(scaled: Tensor, learn: _Cases) -> Tensor:
         over = (log_error - z) / width
         below = torch.sigmoid(-over)
         value = width * (COVERED * over + softplus(-over))
-        return weight * value, weight * (below - COVERED), weight * below * (1 - below) / width
+        return value, below - COVERED, below * (1 - below) / width
 
     for width in SMOOTHING:
         found = _newton(scaled, partial(loss, width), found)
@@ -191,7 +193,7 @@ def _correct(sure: Sure, check: _Cases) -> None:
             held = int((ratio <= factors[own])[~lowest].sum())
             left = float(np.clip((COVERED * len(ratio) - held) / lowest.sum(), *LOWEST_COVERED))
             factors[0] = _quantile(ratio[lowest], left, times)
-    sure.factor.copy_(torch.as_tensor(factors))
+    sure.factor.copy_(torch.as_tensor(factors * (1 + ROUNDING)))
 
 
 def _quantile(ratio: Array, level: float, times: int) -> float:
