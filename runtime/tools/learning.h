@@ -27,15 +27,25 @@ static inline aminn_status_t learn_sample(aminn_t *ctx, aminn_calibrator_t *cali
     return aminn_calibrate_push(ctx, calibrator, &state, dx);
 }
 
-/* CRC-32 of theta and its covariance, little endian. */
+/* CRC-32 of theta and its covariance, and of the friction of the last grasp, if contacts can slide; little endian. */
 static inline uint32_t learned_crc(const aminn_calibrator_t *calibrator)
 {
     float theta[AMINN_N_THETA], covariance[AMINN_N_FACTOR * (AMINN_N_FACTOR + 1) / 2];
+    uint32_t crc;
     memcpy(theta, calibrator->calibration.theta, sizeof theta);
     memcpy(covariance, calibrator->covariance, sizeof covariance);
     vector_swap(theta, sizeof theta / sizeof *theta);
     vector_swap(covariance, sizeof covariance / sizeof *covariance);
-    return vector_crc(vector_crc(0, theta, sizeof theta), covariance, sizeof covariance);
+    crc = vector_crc(vector_crc(0, theta, sizeof theta), covariance, sizeof covariance);
+#if AMINN_N_SLIDE
+    {
+        float friction[AMINN_N_COEFFICIENT];
+        memcpy(friction, calibrator->friction, sizeof friction);
+        vector_swap(friction, AMINN_N_COEFFICIENT);
+        crc = vector_crc(crc, friction, sizeof friction);
+    }
+#endif
+    return crc;
 }
 
 #endif

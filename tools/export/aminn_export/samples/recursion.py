@@ -109,7 +109,7 @@ class Recursion:
 
     def _twist(self, x: dict[str, Array]) -> Array:
         """(B) stiffness of the contacts about their normals."""
-        whole = x | self.model.varied(x | {"theta": self.theta[None]})
+        whole = self.model.whole(x | {"theta": self.theta[None]})
         return np.asarray(self.model.springs("s2", self.model.features("s2", whole), whole)["twist"][0])
 
     def _absorbed(self, slopes: Array, error: Array, variance: float) -> tuple[Array, Array, float]:

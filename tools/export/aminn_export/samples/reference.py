@@ -125,6 +125,11 @@ class Reference:
             seen += [value[:, :1], np.where(value[:, :1] > 0, value[:, 1:], 0)]
         return dict(seen=np.concatenate(seen, 1), told=nominal * np.exp(log), weight=given["tool_weight"])
 
+    def whole(self, x: dict[str, Array]) -> dict[str, Array]:
+        """Inputs with what theta makes of tables, and with what sensors say."""
+        told = self.sensed(x, len(x["q"]))
+        return x | self.varied(x) | dict(seen=told["seen"], told_friction=told["told"], weight=told["weight"])
+
     def ridge(self, weight: Array, x: dict[str, Array]) -> Array:
         """Tangential forces (N, B, 3) that carry a known weight (N, 4) with the normal forces, by least squares."""
         contact, normal = x["contacts"][..., :1], x["contacts"][..., 4:7]
@@ -308,10 +313,7 @@ class Reference:
 
     def __call__(self, inputs: dict[str, NDArray]) -> dict[str, Array]:
         """All outputs of `aminn_debug.onnx`, float64; `inputs` may have theta (N, P) and sensors."""
-        x = {name: np.asarray(value, np.float64) for name, value in inputs.items()}
-        x |= self.varied(x)
-        told = self.sensed(x, len(x["q"]))
-        x |= dict(seen=told["seen"], told_friction=told["told"], weight=told["weight"])
+        x = self.whole({name: np.asarray(value, np.float64) for name, value in inputs.items()})
         out: dict[str, Array] = {}
         for i, stage in enumerate(STAGES):
             f = self.features(stage, x)
