@@ -8,6 +8,7 @@ they allow on test grasps is simulated. What is measured is kept: a study that i
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 from collections.abc import Callable, Mapping
@@ -60,8 +61,8 @@ LEAST_SCALE = 5e-3
 RISK_AIM, RATIO_AIM = 0.02, 1.5
 CHOSEN_RISK = 0.015
 """On validation grasps: what is chosen on some has more on others."""
-P_STABLE = (0.0, 0.7, 0.8, 0.85, 0.9, 0.93, 0.95, 0.97, 0.98, 0.99, 0.995, 0.998, 0.999)
-MARGINS = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0)
+P_STABLE = (0.0, 0.7, 0.8, 0.85, 0.9, 0.92, 0.94, 0.95, 0.96, 0.97, 0.975, 0.98, 0.985, 0.99, 0.993, 0.995, 0.998)
+MARGINS = (0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 5.0)
 P_SLIDE = (1.0, 0.5, 0.3, 0.2, 0.15, 0.1, 0.07, 0.05, 0.03, 0.02)
 """Among which validation grasps choose."""
 SCANNED = 100
@@ -139,13 +140,22 @@ def grasps_of(name: str, scale: Scale, folder: Path, threads: int, echo: Callabl
     """What `measure` gives, from records where they are there."""
     config, found = config_of(name, scale), []
     halvings = scale.halvings if name == "validation" else 0
-    made_of = json.dumps([VERSION, config_sha256(config, open_hand()), BOUNDS, halvings])
-    for first in range(0, config.grasps, scale.chunk):
-        ids = range(first, min(first + scale.chunk, config.grasps))
-        file = folder / f"{name}-{first:05d}-{len(ids)}.npz"
+    made_of = _made_of(config, halvings)
+    for ids in _chunks(config, scale):
+        file = folder / f"{name}-{ids.start:05d}-{len(ids)}.npz"
         found.append(_kept(file, made_of) or _keep(file, made_of, measure(config, ids, halvings, threads)))
         echo(f"{name}: {ids.stop} of {config.grasps} grasps")
     return {key: np.concatenate([part[key] for part in found]) for key in found[0]}
+
+
+def _chunks(config: SimulationConfig, scale: Scale) -> list[range]:
+    """Ids of the grasps of each record."""
+    n = config.grasps
+    return [range(first, min(first + scale.chunk, n)) for first in range(0, n, scale.chunk)]
+
+
+def _made_of(config: SimulationConfig, halvings: int) -> str:
+    return json.dumps([VERSION, config_sha256(config, open_hand()), BOUNDS, halvings])
 
 
 def _kept(file: Path, made_of: str) -> Arrays | None:
@@ -408,19 +418,30 @@ def search_figures(scanned: Scan, limits: Limits, found: Array) -> Figures:
 # --- the study ------------------------------------------------------------------------------------------------------
 
 
-def outcomes(grasps: Arrays, config: SimulationConfig, scales: Array, threads: int) -> Arrays:
-    """Each load simulated, (n, 3): stable, and beyond the bounds. A load of nothing is borne."""
+def outcomes(
+    grasps: Arrays, config: SimulationConfig, scales: Array, scale: Scale, folder: Path, threads: int
+) -> Arrays:
+    """Each load simulated, (n, 3): whether it was unstable, and beyond the bounds; from records where they are there.
+
+    A load of nothing is borne.
+    """
 
     def one(grasp: ReplayedGrasp) -> NDArray[np.bool_]:
         i = grasp.grasp_id
         found = np.zeros((len(KINDS), 2), bool)
-        for k, (scale, direction) in enumerate(zip(scales[i], grasps["directions"][i], strict=True)):
-            if scale > 0:
-                case = grasp.load(scale * direction)
+        for k, (part, direction) in enumerate(zip(scales[i], grasps["directions"][i], strict=True)):
+            if part > 0:
+                case = grasp.load(part * direction)
                 found[k] = not case["stable"], bool(case["stable"]) and not borne(case)
         return found
 
-    found = np.stack(replay(config, range(len(scales)), one, threads))
+    made_of, parts = _made_of(config, 0), []
+    for ids in _chunks(config, scale):
+        loads = np.ascontiguousarray(scales[ids.start : ids.stop])
+        file = folder / f"outcomes-{ids.start:05d}-{hashlib.sha256(loads.tobytes()).hexdigest()[:16]}.npz"
+        kept = _kept(file, made_of)
+        parts.append(kept or _keep(file, made_of, {"wrong": np.stack(replay(config, ids, one, threads))}))
+    found = np.concatenate([part["wrong"] for part in parts])
     return {"unstable": found[..., 0], "beyond": found[..., 1]}
 
 
@@ -433,9 +454,10 @@ def judged(name: str, out: Arrays) -> Figures:
 
 
 def row_figures(
-    hand: Hand, model: Model, told: str, validation: Arrays, test: Arrays, config: SimulationConfig, threads: int
+    hand: Hand, model: Model, told: str, parts: Mapping[str, Arrays], scale: Scale, folder: Path, threads: int
 ) -> Figures:
     """Of a model that is told something: `TOLD_...`."""
+    validation, test, config = parts["validation"], parts["test"], config_of("test", scale)
     scanned, ends = scan(model, validation, told, hand.length_m, threads), validation["capacity"]
     limits, risk = choose(scanned, ends)
     chosen = model_scales(model, validation, told, limits, threads)
@@ -452,8 +474,8 @@ def row_figures(
         figures[f"validation_{name}_share_of_truth"] = relative_load(other, true)[0]
         figures[f"validation_ratio_mean_to_{name}"] = relative_load(chosen, other)[0]
     fixed = np.minimum(factors * rules["test"][rule], 1.0)
-    figures |= judged("model", outcomes(test, config, scales, threads))
-    figures |= judged("fixed", outcomes(test, config, fixed, threads))
+    figures |= judged("model", outcomes(test, config, scales, scale, folder, threads))
+    figures |= judged("fixed", outcomes(test, config, fixed, scale, folder, threads))
     figures["ratio_mean"], figures["ratio_median"] = relative_load(scales, fixed)
     size = np.linalg.norm(test["directions"][..., :3], axis=2) + (np.arange(3) == 1) * np.linalg.norm(
         test["directions"][..., 3:], axis=2
@@ -482,7 +504,7 @@ def study(
 ) -> Figures:
     """Measure what is not there yet; the flat report."""
     parts = {name: grasps_of(name, scale, folder, threads, echo) for name in SEEDS}
-    hand, config = open_hand().hand, config_of("test", scale)
+    hand = open_hand().hand
     report: Figures = {
         "model": model.name,
         "validation_grasps": scale.validation_grasps,
@@ -491,8 +513,8 @@ def study(
         "bound_translation_m": BOUNDS[0],
         "bound_rotation_rad": BOUNDS[1],
     }
-    for told in TOLD if model.dims.sensing else TOLD[:1]:
-        report |= row_figures(hand, model, told, parts["validation"], parts["test"], config, threads)
+    for told in TOLD if model.senses else TOLD[:1]:
+        report |= row_figures(hand, model, told, parts, scale, folder, threads)
         echo(
             told
             + ": "
