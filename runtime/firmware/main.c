@@ -39,6 +39,7 @@ static int vectors_file = -1, results_file = -1;
 typedef struct figures {
     uint32_t refused, call_stack, ticks_total, ticks_max;
     uint32_t push_stack, push_ticks_total, push_ticks_max, pushes_refused;
+    uint32_t load_stack, load_ticks_max, loads_crc;
 } figures_t;
 
 /* ---- files ---- */
@@ -205,6 +206,23 @@ static aminn_status_t learn(uint32_t i, figures_t *f)
     return status;
 }
 
+/* and of a search for the largest admissible load */
+static void look_for_load(const vector_header_t *header, uint32_t i, figures_t *f)
+{
+    uint32_t start, ticks;
+    if (i >= LOADED_SAMPLES) {
+        return;
+    }
+    stack_paint();
+    start = SYST_CVR;
+    f->loads_crc = load_crc(&ctx, header, i, &in, f->loads_crc);
+    ticks = ticks_since(start);
+    f->load_ticks_max = ticks > f->load_ticks_max ? ticks : f->load_ticks_max;
+    if (stack_pointer_free() - stack_free() > f->load_stack) {
+        f->load_stack = stack_pointer_free() - stack_free();
+    }
+}
+
 static int run(const vector_header_t *header, figures_t *f)
 {
     const uint32_t blank[sizeof(vector_header_t) / 4] = {0};
@@ -220,6 +238,7 @@ static int run(const vector_header_t *header, figures_t *f)
         if (store(n, i, predict(i, f), &crc) != 0) {
             return fail("results", "cannot write");
         }
+        look_for_load(header, i, f);
         f->pushes_refused += learn(i, f) != AMINN_OK;
     }
     return finish(n, crc) != 0 ? fail("results", "cannot write") : 0;
@@ -242,6 +261,11 @@ static void print_figures(uint32_t n, const figures_t *f, uint32_t rate)
     print_figure("calibrator_bytes", (uint32_t)sizeof calibrator);
     print_figure("calibration_crc", learned_crc(&calibrator));
     print_figure("stack_push_bytes", f->push_stack);
+    print_figure("loads_crc", f->loads_crc);
+    print_figure("stack_load_bytes", f->load_stack);
+    if (rate != 0) {
+        print_figure("instructions_load_worst", (uint32_t)((uint64_t)f->load_ticks_max * rate / 1000u));
+    }
     if (rate != 0 && calibrator.pushes > 0) {
         print_figure("instructions_per_push",
                      (uint32_t)((uint64_t)f->push_ticks_total * rate / calibrator.pushes / 1000u));
@@ -252,7 +276,7 @@ static void print_figures(uint32_t n, const figures_t *f, uint32_t rate)
 int main(void)
 {
     vector_header_t header;
-    figures_t figures = {0, 0, 0, 0, 0, 0, 0, 0};
+    figures_t figures = {0};
     uint32_t rate;
     char *vectors = NULL, *results = NULL;
     aminn_status_t status = aminn_init(&ctx, &MODEL_SYMBOL, AMINN_FLAG_ALWAYS_STAGE2);

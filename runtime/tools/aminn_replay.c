@@ -75,8 +75,9 @@ static uint32_t predict_all(const aminn_model_t *model, const vector_header_t *v
 }
 
 static aminn_calibrator_t calibrator;
+static uint32_t loads_crc;
 
-/* a calibration by the first samples and what was predicted of them */
+/* the first samples: their largest admissible loads, and a calibration by what was predicted of them */
 static void calibrate_all(const aminn_model_t *model, const vector_header_t *vectors, const float *rows)
 {
     static aminn_t ctx;
@@ -91,6 +92,7 @@ static void calibrate_all(const aminn_model_t *model, const vector_header_t *vec
         const float *row = rows + (size_t)i * RESULT_N_OUT; /* p_stable, dx_ht .. stable */
         aminn_input_t in;
         memcpy(&in, (const float *)(vectors + 1) + i * size, sizeof in);
+        loads_crc = load_crc(&ctx, vectors, i, &in, loads_crc);
         learn_sample(&ctx, &calibrator, i, &in, row + 1, row[VECTOR_N_OUT] > 0.5F);
     }
 }
@@ -157,7 +159,8 @@ int main(int argc, char **argv)
     write_results(argv[first + 1], vectors->n, rows, statuses);
     says = output_is_stdout() ? stderr : stdout;
     print_identity(says, &model);
-    fprintf(says, "pushes %u, calibration_crc %u\n", (unsigned)calibrator.pushes, (unsigned)learned_crc(&calibrator));
+    fprintf(says, "pushes %u, calibration_crc %u, loads_crc %u\n", (unsigned)calibrator.pushes,
+            (unsigned)learned_crc(&calibrator), (unsigned)loads_crc);
     fprintf(says, "samples %u, refused %u, %.3f us per prediction\n", (unsigned)vectors->n, (unsigned)refused,
             vectors->n > 0 ? 1e6 * spent_s / vectors->n : 0.0);
     free(rows);

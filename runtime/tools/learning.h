@@ -1,13 +1,14 @@
 /*
- * learning.h - a calibration that goes along with a replay, so that its bits can be compared: of a hand that moves a quarter
- * further than the model predicts. Used by the host's replay program and by the firmware.
+ * learning.h - what goes along with a replay, so that its bits can be compared: a calibration of a hand that moves a quarter
+ * further than the model predicts, and the largest admissible loads of the first samples. Used by the host's replay program and
+ * by the firmware.
  */
 #ifndef AMINN_LEARNING_H
 #define AMINN_LEARNING_H
 
 #include "vector_file.h"
 
-enum { LEARNED_SAMPLES = 64 }; /* the first ones */
+enum { LEARNED_SAMPLES = 64, LOADED_SAMPLES = 4 }; /* the first ones */
 
 /* Learns from sample i and what was predicted of it; returns a status of aminn_calibrate_push(), AMINN_OK for a sample that is
  * no push. */
@@ -46,6 +47,27 @@ static inline uint32_t learned_crc(const aminn_calibrator_t *calibrator)
     }
 #endif
     return crc;
+}
+
+/* CRC-32, continued, of the largest admissible load along that of sample i; of files that hold states alone. */
+static inline uint32_t load_crc(aminn_t *ctx, const vector_header_t *header, uint32_t i, const aminn_input_t *in,
+                                uint32_t crc)
+{
+    static const aminn_load_limits_t limits = {2e-3F, 0.1F, 0.02F, 0.5F, 1.0F, 4.0F};
+    float direction[AMINN_N_WRENCH];
+    uint32_t words[3];
+    aminn_state_t state;
+    aminn_admissible_t found;
+    if (i >= LOADED_SAMPLES || vector_n_theta(header) != 0 || vector_n_sensor(header) != 0) {
+        return crc;
+    }
+    memcpy(&state, in, sizeof state);
+    memcpy(direction, state.w_e, sizeof direction);
+    memset(state.w_e, 0, sizeof state.w_e);
+    aminn_admissible_load(ctx, &state, direction, &limits, &found);
+    memcpy(words, &found, sizeof words); /* scale, admissible, limited_by */
+    vector_swap(words, sizeof words / sizeof *words);
+    return vector_crc(crc, words, sizeof words);
 }
 
 #endif

@@ -30,7 +30,7 @@ PUSH_ENTRY = "aminn_calibrate_push"
 LOAD_ENTRY = "aminn_admissible_load"
 RUN_FIGURES = (
     *("context_bytes", "stack_predict_bytes", "instructions_per_prediction", "instructions_worst"),
-    "self_test_instructions",
+    *("self_test_instructions", "stack_load_bytes", "instructions_load_worst"),
     *("calibration_bytes", "calibrator_bytes", "stack_push_bytes", "instructions_per_push", "instructions_push_worst"),
 )
 AIMS = {

@@ -78,6 +78,8 @@ def test_compilers_give_the_same_bits(export_dir: Path, tmp_path: Path, exported
     assert (read_results(replays[names[0]][0]).status == 0).all()
     learned = {(told["pushes"], told["calibration_crc"]) for _, told in replays.values()}
     assert len(learned) == 1 and min(learned)[0] > 10, "theta that pushes teach has the same bits too"
+    loads = {told["loads_crc"] for _, told in replays.values()}
+    assert len(loads) == 1, "and so have the largest admissible loads"
 
 
 def test_an_unknown_target_is_named(export_dir: Path, tmp_path: Path) -> None:
@@ -91,6 +93,7 @@ def test_broken_claims_and_missed_aims_are_told_apart() -> None:
     figures = {
         "different_hashes": 1,
         "different_calibrations": 1,
+        "different_admissible_loads": 1,
         "refused_simulated": 0,
         "simulated_runtime_p_stable_max": 1e-6,
         "adversarial_in_range_p_stable_max": 1e-6,
@@ -107,6 +110,7 @@ def test_broken_claims_and_missed_aims_are_told_apart() -> None:
     assert [text.split()[0] for text in failures(broken)] == ["the", "3", "simulated:", "adversarial,"]
     other = figures | {"different_calibrations": 2}
     assert failures(other) == ["the targets learn other bits of theta"]
+    assert failures(figures | {"different_admissible_loads": 3}) == ["the targets find other admissible loads"]
     far = figures | {"adversarial_runtime_p_stable_max": 3e-6}
     assert failures(far) == ["adversarial: p_stable off by 3e-06"]
     assert missed(far) == ["adversarial: p_stable of the runtime is off by 3e-06, of ONNX Runtime by 1e-06"]

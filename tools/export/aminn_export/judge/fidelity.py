@@ -191,9 +191,10 @@ def fidelity(
     replays = replay_all(targets, model_dir, prefix, vectors, work, jobs)
     hashes = {name: hashlib.sha256(out.read_bytes()).hexdigest() for name, (out, _) in replays.items()}
     results = read_results(replays[targets[0]][0])
-    calibrations = {told["calibration_crc"] for _, told in replays.values()}
+    calibrations, loads = ({told[name] for _, told in replays.values()} for name in ("calibration_crc", "loads_crc"))
     figures: Figures = {"targets": len(hashes), "different_hashes": len(set(hashes.values()))}
     figures |= {"calibration_pushes": replays[targets[0]][1]["pushes"], "different_calibrations": len(calibrations)}
+    figures["different_admissible_loads"] = len(loads)
     figures |= {f"sha256_{name}": digest for name, digest in hashes.items()}
     figures["refused_simulated"] = int((results.status[:n] != 0).sum())
     figures["refused_adversarial"] = int((results.status[n:] != 0).sum())
@@ -216,6 +217,8 @@ def failures(f: Figures) -> list[str]:
         wrong.append("the targets' bit patterns differ")
     if f["different_calibrations"] != 1:
         wrong.append("the targets learn other bits of theta")
+    if f["different_admissible_loads"] != 1:
+        wrong.append("the targets find other admissible loads")
     if f["refused_simulated"]:
         wrong.append(f"{f['refused_simulated']} simulated states are refused")
     for what, key in (
@@ -251,7 +254,7 @@ def format_figures(f: Figures) -> str:
                 values = "".join(f"{f[f'{name}_{who}_{key}_{q}']:>11.2e}" for q in ("median", "p99", "max"))
                 rows.append(f"{f'{name}, {text}, {key}':<44}{values}")
     bits = f"{f['targets']} targets, {f['different_hashes']} bit pattern(s); of theta after {f['calibration_pushes']} "
-    bits += f"pushes {f['different_calibrations']}"
+    bits += f"pushes {f['different_calibrations']}, of admissible loads {f['different_admissible_loads']}"
     return "\n".join([*rows, bits])
 
 

@@ -108,21 +108,21 @@ def build_library(build_dir: Path, hand: Path | None) -> Path:
 
 
 def _figures(text: str, name: str) -> dict[str, int]:
-    """What the replay program tells of a calibration.
+    """What the replay program tells of a calibration and of largest loads.
 
     Raises AminnError unless it found the library sound; a board's image stops by itself.
     """
     found = re.search(r"self-test (\w+)", text)
     if found is None or found[1] != "AMINN_OK":
         raise AminnError(f"{name}: the library's self-test says {found[1] if found else 'nothing'}")
-    return {key: int(value) for key, value in re.findall(r"\b(pushes|calibration_crc) (\d+)", text)}
+    return {key: int(value) for key, value in re.findall(r"\b(pushes|calibration_crc|loads_crc) (\d+)", text)}
 
 
 def replay(name: str, model_dir: Path, prefix: str, vectors: Path, work: Path) -> tuple[Path, dict[str, int]]:
     """Build target `name` with the C model PREFIX of `model_dir` and replay a vector file on it, in the folder `work`.
 
-    Returns the result file and the target's own figures (`pushes`, `calibration_crc`; of boards also stack and
-    instructions). Raises AminnError where something is missing, does not compile, or fails.
+    Returns the result file and the target's own figures (`pushes`, `calibration_crc`, `loads_crc`; of boards also stack
+    and instructions). Raises AminnError where something is missing, does not compile, or fails.
     """
     if name not in TARGETS:
         raise AminnError(f"no target {name!r}; there are {', '.join(TARGETS)}")
