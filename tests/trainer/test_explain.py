@@ -72,7 +72,9 @@ def test_how_sure_it_is_stands_beside_the_motion(runs: dict[str, Checkpoint], da
     assert f"p_slide {e.p_slide:.3f}" in as_text(e) and "simulated: finger1 " in as_text(e)
     assert "within the bound" in as_text(replace(e, bound=9.0))
     assert "beyond the bound" in as_text(replace(e, bound=1e-9)) and not e.slides
-    assert f"{1e3 * dataset.hand.length_m * e.bound:.2g} mm" in as_text(e)
+    near = replace(e, bound=0.0123)
+    assert "pose error below 0.012 (1.2 mm, or 0.7 deg) in 95 of 100" in as_text(near)
+    assert "not bounded: 5 is more than a grasp that holds can move (0.36)" in as_text(replace(e, bound=5.0))
 
 
 def test_picture_is_written(runs: dict[str, Checkpoint], dataset: Dataset, tmp_path: Path) -> None:

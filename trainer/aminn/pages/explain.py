@@ -5,6 +5,7 @@ the hand."""
 from __future__ import annotations
 
 import io
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -50,6 +51,7 @@ class Explanation:
     nominal_stiffness: Array  # (B, C) diagonal of the springs as described, or as theta has them, N.m/rad
     p_slide: float  # probability that a contact slides, if the grasp holds
     bound: float  # pose error that is not exceeded in 95 of 100
+    most: float  # pose size of the motion at which a grasp counts as lost
     slides: bool  # whether the layer lets contacts slide; what follows is 0 where it does not
     use: Array  # (B,) share of its friction that each contact uses if none slides, as stage 1 judges it
     friction: Array  # (B,) friction coefficient that stage 1 takes
@@ -150,6 +152,7 @@ def explain_sample(checkpoint: Checkpoint, data: Dataset, sample: int) -> Explan
         np.diagonal(lower @ lower.transpose(0, 2, 1), axis1=1, axis2=2),
         float(value["p_slide"]),
         float(value["bound_95"]),
+        math.hypot(model.config.motion_limits[0] / model.hand.length_m, model.config.motion_limits[1]),
         model.stage2.backbone.dims.slides,
         value["friction_use"],
         value["s1_friction"],
@@ -166,6 +169,13 @@ def _motion(dx: Array) -> str:
 def _pose(error: float, length_m: float) -> str:
     """A pose error in the units of a motion."""
     return f"{error:.2g} ({1e3 * length_m * error:.2g} mm, or {np.rad2deg(error):.2g} deg)"
+
+
+def bound_in_words(e: Explanation) -> str:
+    """What the bound of the pose error says; nothing, where it is more than a grasp that holds can move."""
+    if e.bound >= e.most:
+        return f"pose error not bounded: {e.bound:.2g} is more than a grasp that holds can move ({e.most:.2g})"
+    return f"pose error below {_pose(e.bound, e.hand.length_m)} in 95 of 100"
 
 
 def contact_in_words(e: Explanation, branch: int) -> str:
@@ -199,7 +209,7 @@ def as_text(e: Explanation) -> str:
         f"  {e.seen:10}  {_motion(true)}" + ("" if held else "  (gave way: the model is not trained on such motion)"),
     ]
     lines += [
-        f"  sure        pose error below {_pose(e.bound, e.hand.length_m)} in 95 of 100",
+        f"  sure        {bound_in_words(e)}",
         f"  slides      p_slide {e.p_slide:.3f}, that a contact slides by over {1e3 * SLID_M:g} mm if the grasp holds"
         + _slid(e),
     ]
@@ -354,10 +364,7 @@ def draw(e: Explanation, out: AnyPath) -> None:
         for side in ("top", "right"):
             panel.spines[side].set_visible(False)
     bars.tick_params(axis="x", labelsize=5.5)
-    verdict = (
-        f"p_stable {e.p_stable:.3f} (threshold {e.tau:.3f}), p_slide {e.p_slide:.3f}, "
-        f"pose error below {_pose(e.bound, hand.length_m)} in 95 of 100"
-    )
+    verdict = f"p_stable {e.p_stable:.3f} (threshold {e.tau:.3f}), p_slide {e.p_slide:.3f}, {bound_in_words(e)}"
     black = "Black, 1 to 3: what K_x resists least. A line: a shift along it; a ring: a turn about its axis."
     text = f"Load case {e.sample}: {verdict}.\n{load_legend(e.row('w_e'))} {black}"
     figure.text(0.02, 0.02, text, fontsize=8)

@@ -42,7 +42,7 @@ SMOOTHING = (0.5, 0.2, 0.1, 0.05)
 NEWTON_STEPS = 25
 UNFORESEEN = 0.03
 """Share of the cases that slid in the lowest bin of p_slide; the others share the rest evenly."""
-SLID_COVERED = 0.97
+SLID_COVERED = 0.94
 """Share of the cases that slid that the bound holds in each other bin."""
 LOWEST_COVERED = (0.9, COVERED)
 """Least and largest share of the cases that it holds in the lowest bin, where the others hold more."""
