@@ -176,7 +176,8 @@ static void store_springs(const Branches *springs, aminn_stage_debug_t &out)
     static constexpr Places kPlaces = all_places();
     float *first = reinterpret_cast<float *>(&out);
     for (int output = 0; output < kEnd; ++output) {
-        if ((kTwisted && output == kTwist) || output >= kPreload) { // not shown, or shown by what became of it
+        if ((kTwisted && output == kTwist) ||
+            (kSliding && output >= kPreload)) { // not shown, or shown by what became of it
             continue;
         }
         for (int b = 0; b < kBranch; ++b) {
