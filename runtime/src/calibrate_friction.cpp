@@ -28,7 +28,6 @@ constexpr float kLeastOdds = 0.01F;    // of a slide, by the motion
 constexpr float kMostOdds = 1000.0F;
 constexpr float kMostRatio = 8.0F;        // of a coefficient and what was asked for, either way
 constexpr float kLeastLikelihood = 1e-6F; // beside the most likely coefficient's
-constexpr float kLeastAsked = 1e-6F;
 constexpr float kLeastNews = 0.02F;
 // Where a sensor's distribution is looked at, in its standard deviations, and its density there.
 constexpr int kDeviations = 11;
@@ -140,12 +139,11 @@ void forget_friction(aminn_calibrator_t &c)
 
 void narrow_friction(aminn_calibrator_t &c, const PushedFriction &push, bool sure)
 {
-    const float asked = push.asked > kLeastAsked ? push.asked : kLeastAsked;
     const float allowed = add_product(kAllowance * kAllowance, kAllowedShare * kAllowedShare, push.size);
     const float odds = bounded(kLeastOdds, push.off / allowed, kMostOdds);
     float most = 0.0F;
     for (int k = 0; k < kCoefficients; ++k) {
-        const float ratio = bounded(1.0F / kMostRatio, coefficient(k) / asked, kMostRatio);
+        const float ratio = bounded(1.0F / kMostRatio, coefficient(k) / push.asked, kMostRatio); // of 0 as well
         const float square = ratio * ratio;
         float sticks = square * square; // odds of it
         sticks = sticks * sticks;

@@ -111,7 +111,7 @@ def test_models_that_cannot_are_refused(world: Dataset, folder: Path, tmp_path: 
     for config in ({"friction": "none", "sensors": True}, {"friction": "secant", "sensors": False}):
         with pytest.raises(AminnError, match="contacts of this model do not slide, or it sees no sensors"):
             Learner(checkpoint(tmp_path, **config), world)
-    model = checkpoint(tmp_path).model
+    model = checkpoint(tmp_path, friction="none", sensors=False).model
     save_checkpoint(tmp_path / "run", model, META)
     result = CliRunner().invoke(main, ["--run", str(tmp_path / "run"), "--data", str(folder)])
     assert result.exit_code == 1 and "do not slide" in result.output
