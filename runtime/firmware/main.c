@@ -81,9 +81,11 @@ static const char *check_vectors(vector_header_t *header)
         return "has a theta for each sample, which this image's model is not told";
     }
 #endif
+#ifndef MODEL_SENSES
     if (vector_n_sensor(header) != 0) {
         return "has sensors for each sample, which this image's model does not see";
     }
+#endif
     while (left > 0) {
         const uint32_t n = left < sizeof chunk ? left : (uint32_t)sizeof chunk;
         if (semihost_read(vectors_file, chunk, n) != 0) {
@@ -183,6 +185,21 @@ static int take_theta(const vector_header_t *header)
     return 0;
 }
 
+/* the same of its sensors */
+static int take_sensors(const vector_header_t *header)
+{
+#ifdef MODEL_SENSES
+    static aminn_sensors_t sensors;
+    if (vector_n_sensor(header) != 0) {
+        aminn_sense(&ctx, &sensors);
+        return semihost_read(vectors_file, &sensors, sizeof sensors) != 0;
+    }
+#else
+    (void)header;
+#endif
+    return 0;
+}
+
 /* the same of a push */
 static aminn_status_t learn(uint32_t i, figures_t *f)
 {
@@ -232,7 +249,7 @@ static int run(const vector_header_t *header, figures_t *f)
         return fail("results", "cannot write");
     }
     for (i = 0; i < n; ++i) {
-        if (semihost_read(vectors_file, &in, sizeof in) != 0 || take_theta(header) != 0) {
+        if (semihost_read(vectors_file, &in, sizeof in) != 0 || take_theta(header) != 0 || take_sensors(header) != 0) {
             return fail("vectors", "cannot read");
         }
         if (store(n, i, predict(i, f), &crc) != 0) {

@@ -18,7 +18,7 @@
 #define UART_BAUDDIV (*(volatile uint32_t *)(UART_BASE + 0x10u))
 
 enum { TX_FULL = 1u, RX_FULL = 2u, TX_RX_ENABLE = 3u, BAUD_DIVIDER = 217 /* 25 MHz / 115200 */ };
-enum { PROTOCOL = 3, KIND_REFUSED = 0, KIND_IDENTITY = 1, KIND_PREDICT = 2 };
+enum { PROTOCOL = 3, KIND_REFUSED = 0, KIND_IDENTITY = 1, KIND_PREDICT = 2, KIND_SENSE = 3 };
 enum { REFUSED_DAMAGED = 1, REFUSED_VERSION = 2, REFUSED_KIND = 3 };
 /* Silence within a frame after which it counts as broken off: a fifth of a second of the boards' clock. */
 enum { SILENCE_TICKS = 25000000 / 5 };
@@ -43,16 +43,24 @@ typedef struct prediction {
 } prediction_t;
 
 static aminn_t ctx;
-/* of a prediction: the input, and of a told model theta where the question has it */
+/* Of a prediction: the input; behind it of a told model theta, and of one that sees them sensors, where the question has them. */
+#ifdef MODEL_TOLD
+enum { N_THETA = AMINN_N_THETA };
+static aminn_calibration_t calibration;
+#else
+enum { N_THETA = 0 };
+#endif
+#ifdef MODEL_SENSES
+enum { N_SENSOR = AMINN_N_SENSOR };
+static aminn_sensors_t sensors;
+#else
+enum { N_SENSOR = 0 };
+#endif
 static struct {
     aminn_input_t input;
-#ifdef MODEL_TOLD
-    float theta[AMINN_N_THETA];
-#endif
+    float more[N_THETA + N_SENSOR + 1];
 } question;
-#ifdef MODEL_TOLD
-static aminn_calibration_t calibration;
-#endif
+enum { LARGEST_QUESTION = (VECTOR_N_IN + N_THETA + N_SENSOR) * 4 };
 static aminn_status_t self_test;
 
 /* a byte, or -1 after a silence */
@@ -139,23 +147,36 @@ static void answer_identity(uint32_t sequence)
     answer(KIND_IDENTITY, sequence, &who, sizeof who);
 }
 
-static void answer_prediction(uint32_t sequence, uint32_t length)
+/* numbers of theta behind the input of a question; -1: it has another length than any */
+static int theta_in(uint32_t kind, uint32_t length)
+{
+    const uint32_t bare = (uint32_t)sizeof question.input + (kind == KIND_SENSE ? N_SENSOR * 4u : 0u);
+    if (kind == KIND_SENSE && N_SENSOR == 0) {
+        return -1;
+    }
+    return length == bare ? 0 : N_THETA > 0 && length == bare + N_THETA * 4u ? N_THETA : -1;
+}
+
+static void answer_prediction(uint32_t sequence, uint32_t kind, int n_theta)
 {
     prediction_t prediction;
     aminn_output_t out;
+#ifdef MODEL_SENSES
+    memcpy(&sensors, question.more + n_theta, sizeof sensors);
+    aminn_sense(&ctx, kind == KIND_SENSE ? &sensors : NULL);
+#endif
 #ifdef MODEL_TOLD
-    if (length == sizeof question) {
-        prediction.status =
-            predict_calibrated(&ctx, &MODEL_SYMBOL, &calibration, question.theta, &question.input, &out);
+    if (n_theta > 0) {
+        prediction.status = predict_calibrated(&ctx, &MODEL_SYMBOL, &calibration, question.more, &question.input, &out);
         aminn_calibrate(&ctx, NULL);
     } else
 #endif
     {
         prediction.status = aminn_predict(&ctx, &question.input, &out);
     }
-    (void)length;
+    (void)n_theta;
     result_row(&out, prediction.outputs);
-    answer(KIND_PREDICT, sequence, &prediction, sizeof prediction);
+    answer((uint16_t)kind, sequence, &prediction, sizeof prediction);
 }
 
 /* what follows a mark: a question that is answered, or refused with the reason */
@@ -165,7 +186,7 @@ static void take_question(void)
     uint32_t crc;
     if (get_all(&header, sizeof header) != 0) {
         refuse(0, REFUSED_DAMAGED);
-    } else if (header.length > sizeof question || get_all(&question, header.length) != 0 ||
+    } else if (header.length > LARGEST_QUESTION || get_all(&question, header.length) != 0 ||
                get_all(&crc, sizeof crc) != 0 ||
                vector_crc(vector_crc(0, &header, sizeof header), &question, header.length) != crc) {
         refuse(header.sequence, REFUSED_DAMAGED);
@@ -173,9 +194,9 @@ static void take_question(void)
         refuse(header.sequence, REFUSED_VERSION);
     } else if (header.kind == KIND_IDENTITY && header.length == 0) {
         answer_identity(header.sequence);
-    } else if (header.kind == KIND_PREDICT &&
-               (header.length == sizeof question.input || header.length == sizeof question)) {
-        answer_prediction(header.sequence, header.length);
+    } else if ((header.kind == KIND_PREDICT || header.kind == KIND_SENSE) &&
+               theta_in(header.kind, header.length) >= 0) {
+        answer_prediction(header.sequence, header.kind, theta_in(header.kind, header.length));
     } else {
         refuse(header.sequence, REFUSED_KIND);
     }

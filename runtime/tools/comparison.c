@@ -12,10 +12,11 @@ enum { N_DX = AMINN_N_WRENCH, N_K_X = N_DX * N_DX, N_GATE = AMINN_N_BRANCH, N_US
 enum { AT_GATE = 1 + N_DX + N_K_X, AT_SURE = AT_GATE + N_GATE };
 
 typedef struct tolerance {
-    double floor, share, per_condition, per_m, median;
+    double floor, share, per_condition, per_m, per_use, median;
 } tolerance_t;
 
-#define ROW(name, floor, share, per_condition, per_m, median) {floor, share, per_condition, per_m, median},
+#define ROW(name, floor, share, per_condition, per_m, per_use, median) \
+    {floor, share, per_condition, per_m, per_use, median},
 static const tolerance_t tolerances[STABLE] = {TOLERANCES(ROW)};
 #undef ROW
 /* first word of each output in a row, and where the row ends */
@@ -220,6 +221,7 @@ typedef struct sample {
     double length;    /* length_scale of the model, m */
     double condition; /* of the reference's K_x with lengths divided by it */
     double size;      /* of the reference's dx_ht with rotations times it, m */
+    double use;       /* largest of the reference's friction_use */
     double k_x;       /* largest entry of the reference's K_x with lengths divided by it */
     double relative;  /* difference of dx_ht over size */
     double share[STABLE];
@@ -257,6 +259,9 @@ static sample_t sample_of(uint32_t i, const float *got, const float *want, doubl
         sum += v * v;
     }
     s.size = sqrt(sum);
+    for (c = 0; c < N_USE; ++c) {
+        s.use = fmax(s.use, (double)want[first_word[FRICTION_USE] + c]);
+    }
     s.condition = condition(a);
     return s;
 }
@@ -264,7 +269,7 @@ static sample_t sample_of(uint32_t i, const float *got, const float *want, doubl
 static double limit_of(const sample_t *s, output_t output, double scale)
 {
     const tolerance_t *t = &tolerances[output];
-    return t->floor + scale * (t->share + t->per_condition * s->condition + t->per_m * s->size);
+    return t->floor + scale * (t->share + t->per_condition * s->condition + t->per_m * s->size + t->per_use * s->use);
 }
 
 /* infinite unless it is a number: NaN is larger than every limit, and stays so */

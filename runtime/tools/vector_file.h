@@ -74,26 +74,39 @@ static inline aminn_status_t predict_calibrated(aminn_t *ctx, const aminn_model_
 }
 
 /* Predicts the samples behind the header of a vector file into rows (n x RESULT_N_OUT) and statuses (n); returns how many
- * were refused. `model` is that of ctx, which uses no calibration afterwards. */
+ * were refused. `model` is that of ctx, which uses neither calibration nor sensors afterwards. */
 static inline uint32_t predict_rows(aminn_t *ctx, const aminn_model_t *model, const vector_header_t *vectors,
                                     float *rows, int32_t *statuses)
 {
-    const uint32_t n_theta = vector_n_theta(vectors);
+    const uint32_t n_theta = vector_n_theta(vectors), n_sensor = vector_n_sensor(vectors);
     const float *sample = (const float *)(vectors + 1);
     aminn_calibration_t cal;
+    aminn_sensors_t sensors;
+    aminn_status_t sensing = AMINN_OK;
     uint32_t i, refused = 0;
+    memset(&sensors, 0, sizeof sensors);
+    if (n_sensor != 0) {
+        sensing = aminn_sense(ctx, &sensors);
+    }
     for (i = 0; i < vectors->n; ++i) {
         aminn_input_t in;
         aminn_output_t out;
         memcpy(&in, sample, sizeof in);
         sample += VECTOR_N_IN;
-        statuses[i] =
-            n_theta == 0 ? aminn_predict(ctx, &in, &out) : predict_calibrated(ctx, model, &cal, sample, &in, &out);
-        sample += n_theta + vector_n_sensor(vectors);
+        memcpy(&sensors, sample + n_theta, n_sensor * sizeof *sample);
+        if (sensing != AMINN_OK) {
+            aminn_predict(ctx, NULL, &out); /* leaves what an error leaves */
+            statuses[i] = sensing;
+        } else {
+            statuses[i] =
+                n_theta == 0 ? aminn_predict(ctx, &in, &out) : predict_calibrated(ctx, model, &cal, sample, &in, &out);
+        }
+        sample += n_theta + n_sensor;
         refused += statuses[i] != AMINN_OK;
         result_row(&out, rows + (size_t)i * RESULT_N_OUT);
     }
     aminn_calibrate(ctx, NULL);
+    aminn_sense(ctx, NULL);
     return refused;
 }
 

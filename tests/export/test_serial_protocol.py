@@ -143,10 +143,10 @@ def test_a_line_that_stays_bad_is_described(to: Disturb, back: Disturb, message:
 
 
 def test_boards_of_other_protocols_are_named() -> None:
-    with pytest.raises(AminnError, match="speaks version 1 of the protocol, this program 2"):
+    with pytest.raises(AminnError, match="speaks version 1 of the protocol, this program 3"):
         identity_of(Conversation(MadeUpLine(FirstBoard())))
-    with pytest.raises(AminnError, match="speaks version 3"):
-        identity_of(Conversation(MadeUpLine(Board(version=3))))
+    with pytest.raises(AminnError, match="speaks version 4"):
+        identity_of(Conversation(MadeUpLine(Board(version=4))))
 
 
 def test_the_identity_is_compared_before_anything_is_replayed(exported: RandomModel, export_dir: Path) -> None:
@@ -338,8 +338,8 @@ def test_the_firmware_finds_damage_and_goes_on(board: str, export_dir: Path) -> 
         line.write(frame(QUESTION, 9, 1, b""))
         with pytest.raises(AminnError, match="does not know this kind of question"):
             conversation.ask(serial_protocol.PREDICT, nan)
-        line.write(frame(QUESTION, serial_protocol.PREDICT, 1, nan, version=3))
-        with pytest.raises(AminnError, match="does not know version 2"):
+        line.write(frame(QUESTION, serial_protocol.PREDICT, 1, nan, version=4))
+        with pytest.raises(AminnError, match="does not know version 3"):
             conversation.ask(serial_protocol.PREDICT, nan)
         while select.select([line.descriptor], [], [], 0.5)[0]:  # what was asked beside
             os.read(line.descriptor, 4096)

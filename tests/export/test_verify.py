@@ -151,7 +151,7 @@ def test_installed_runtime_is_enough(export_dir: Path, vectors: Path, installed:
     ("spoil", "told"),
     [
         ("rows[0, 3] = float('nan')", "host, .bin: dx_ht[2] of sample 0 of vectors.bin: got nan"),
-        ("rows[-1, 46] = 1 - rows[-1, 46]", "host, .bin: stable of sample 399 of vectors.bin"),
+        ("rows[-1, 51] = 1 - rows[-1, 51]", "host, .bin: stable of sample 399 of vectors.bin"),
         ("status[200] = -9", "host, .bin: status of sample 200 of vectors.bin: got -9, want 0"),
         ("rows, status = rows[:-1], status[:-1]", "host, .bin: samples: got 399, want 400"),
         ("rows[200, 30] = np.nextafter(rows[200, 30], 9)", "host, .c: k_x[3][5] of sample 200 of vectors.bin"),

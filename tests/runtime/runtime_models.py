@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,10 @@ from aminn_export.files.ranges import state_ranges
 from aminn_export.files.tables import STAGES, by_branch, dims_of
 from aminn_hand import Dims
 
-DIMS = Dims(branches=3, coordinates=3, joints=8, tendons=6, gates=3, stiff=10)
+HEADER = Path(__file__).resolve().parents[2] / "runtime" / "include" / "aminn_hand.h"
+SLIDES = "#define AMINN_N_SLIDE 1" in HEADER.read_text()
+"""Whether the compiled runtime's contacts can slide."""
+DIMS = Dims(branches=3, coordinates=3, joints=8, tendons=6, gates=3, stiff=10, slides=SLIDES)
 """Of the built-in hand, which the compiled runtime is for."""
 BRANCH_JOINTS = ((0, 1, 2), (3, 4, 5), (-1, 6, 7))
 BRANCHES = ("finger1", "finger2", "thumb")
@@ -88,7 +92,7 @@ def random_model(
     rng = np.random.default_rng(seed)
     hc, h, hd = widths
     tensors = dict(_nominal())
-    counts = {"tendons": DIMS.tendons, "slides": False, "sensing": False}
+    counts = {"tendons": DIMS.tendons, "slides": DIMS.slides, "sensing": False}
     dims = dims_of(RandomModel(counts, tensors))
     eps = by_branch([eps_m, 0.8 * eps_m], dims.branches)
     for stage, eps_of_stage in zip(STAGES, eps, strict=True):
@@ -101,8 +105,8 @@ def random_model(
         tensors[f"s2.{name}"] = _random_table(rng, name, shape)
     tensors["s2.sure_b"] += [0.0, -7.0]
     tensors |= state_ranges(random_inputs(512, seed + 1))
-    tensors["s1.aux_mean"][:] = [0] * 6 + [8] * 6 + [0.5] * 3
-    tensors["s1.aux_inv_std"][:] = [0.5] * 6 + [0.7] * 6 + [2.0] * 3
+    tensors["s1.aux_mean"][:] = [0] * 6 + [8] * 6 + [0.5] * 3 + [1] * DIMS.slid
+    tensors["s1.aux_inv_std"][:] = [0.5] * 6 + [0.7] * 6 + [2.0] * 3 + [0.5] * DIMS.slid
     tensors = {name: np.asarray(value, stored_type(name, "float32")) for name, value in tensors.items()}
     meta = {
         "format_version": 1,

@@ -21,7 +21,7 @@ INCLUDE = Path(__file__).resolve().parents[2] / "runtime" / "include"
 HEADER = (INCLUDE / "aminn_rt.h").read_text()
 HAND = (INCLUDE / "aminn_hand.h").read_text()
 REFERENCE_HAND = understand(default_hand_file()).hand
-DIMS = REFERENCE_HAND.dims
+DIMS = replace(REFERENCE_HAND.dims, slides="#define AMINN_N_SLIDE 1" in HAND)
 THETA = Theta(REFERENCE_HAND)
 
 

@@ -87,13 +87,19 @@ def _quantiles(name: str, values: Array) -> Figures:
 
 
 def error_figures(outputs: dict[str, NDArray], truth: dict[str, Array], condition: Array) -> Figures:
-    """Errors of one runtime: of dx_ht relative to its size, the same over condition and unit roundoff, of p_stable."""
+    """Errors of one runtime: of dx_ht relative to its size, the same over condition and unit roundoff, of p_stable.
+
+    Of bound_95 relative, of friction_use over one plus it, of K_x over its largest entry.
+    """
     relative = scaled_norm(outputs["dx_ht"] - truth["dx_ht"]) / scaled_norm(truth["dx_ht"])
     p_stable = np.abs(outputs["p_stable"] - truth["p_stable"])
     figures = _quantiles("dx_relative", relative) | _quantiles("dx_over_condition", relative / (condition * UNIT))
-    return (
-        figures | _quantiles("p_stable", p_stable) | _quantiles("gate", np.abs(outputs["gate"] - truth["gate"]).max(1))
-    )
+    figures |= _quantiles("p_stable", p_stable) | _quantiles("gate", np.abs(outputs["gate"] - truth["gate"]).max(1))
+    figures |= _quantiles("p_slide", np.abs(outputs["p_slide"] - truth["p_slide"]))
+    figures |= _quantiles("bound_95", np.abs(outputs["bound_95"] / truth["bound_95"] - 1))
+    use, k_x = truth["friction_use"], truth["k_x"]
+    figures |= _quantiles("friction_use", (np.abs(outputs["friction_use"] - use) / (1 + use)).max(1))
+    return figures | _quantiles("k_x", np.abs(outputs["k_x"] - k_x).max((1, 2)) / np.abs(k_x).max((1, 2)))
 
 
 def compare_set(
@@ -103,7 +109,9 @@ def compare_set(
     rows = rows[results.status[rows] == 0]
     exact = {k: v[rows] for k, v in truth.items()}
     condition = scaled_condition(exact["k_x"])
-    figures: Figures = {f"{name}_states": len(rows)} | _quantiles(f"{name}_condition", condition)
+    slid = float((exact["friction_use"] > 1).any(1).mean()) if len(rows) else 0.0
+    figures: Figures = {f"{name}_states": len(rows), f"{name}_slid_share": slid}
+    figures |= _quantiles(f"{name}_condition", condition)
     for runtime, outputs in (("runtime", results.outputs), ("onnx", onnx)):
         errors = error_figures({k: outputs[k][rows] for k in OUTPUTS}, exact, condition)
         figures |= {f"{name}_{runtime}_{key}": value for key, value in errors.items()}
@@ -239,6 +247,10 @@ def missed(f: Figures) -> list[str]:
             own, onnx = (float(f[f"{name}_{who}_dx_over_condition_{q}"]) for who in ("runtime", "onnx"))
             if not own <= onnx:
                 out.append(f"{name}: dx_over_condition_{q} of the runtime {own:.3g}, of ONNX Runtime {onnx:.3g}")
+        for key in ("k_x", "p_slide", "bound_95", "friction_use"):
+            own, onnx = (float(f[f"{name}_{who}_{key}_p99"]) for who in ("runtime", "onnx"))
+            if not own <= max(onnx, UNIT):
+                out.append(f"{name}: {key}, 99 of 100, of the runtime {own:.3g}, of ONNX Runtime {onnx:.3g}")
     own, onnx = (float(f[f"adversarial_{who}_p_stable_max"]) for who in ("runtime", "onnx"))
     if not own <= onnx:
         out.append(f"adversarial: p_stable of the runtime is off by {own:.3g}, of ONNX Runtime by {onnx:.3g}")
@@ -250,7 +262,7 @@ def format_figures(f: Figures) -> str:
     rows = [f"{'errors to float64':<44}{'median':>11}{'p99':>11}{'largest':>11}"]
     for name in ("simulated", "adversarial"):
         for who, text in (("runtime", "runtime"), ("onnx", "ONNX Runtime")):
-            for key in ("dx_relative", "dx_over_condition", "p_stable"):
+            for key in ("dx_relative", "dx_over_condition", "p_stable", "k_x", "p_slide", "bound_95", "friction_use"):
                 values = "".join(f"{f[f'{name}_{who}_{key}_{q}']:>11.2e}" for q in ("median", "p99", "max"))
                 rows.append(f"{f'{name}, {text}, {key}':<44}{values}")
     bits = f"{f['targets']} targets, {f['different_hashes']} bit pattern(s); of theta after {f['calibration_pushes']} "

@@ -29,8 +29,8 @@ from .verify import scaled_norm
 Array = NDArray[np.float64]
 State = dict[str, Array]
 TIP_RADIUS_M, FRAME_OFFSET_M, CHAIN_LIMIT_M = 0.010, 0.030, 0.002
-STABLE_WORD, NOTES_WORD, OUT_OF_RANGE = 47, 48, 1
-"""Words of `aminn_output_t`, and AMINN_NOTE_OUT_OF_RANGE."""
+STABLE_WORD, NOTES_WORD, OUT_OF_RANGE = -2, -1, 1
+"""The last words of `aminn_output_t`, and AMINN_NOTE_OUT_OF_RANGE."""
 
 
 def _after(first: Array, second: Array) -> Array:

@@ -165,6 +165,7 @@ class _Within:
         }
         self.factor = [bins.factor(of["p_slide"][:, 0])[:, None] for of in (self.got, self.want)]
         self.size = np.linalg.norm(self.want["dx_ht"] * motion, axis=1)
+        self.use = self.want["friction_use"].max(1)
         self.condition = known_condition(self.want["k_x"].reshape(n, 6, 6), length)
         self.failures: list[Failure] = []
         self.shares: dict[str, Array] = {}
@@ -172,7 +173,7 @@ class _Within:
     def limit(self, output: str, of: Array) -> Array:
         """The limit of scaled differences, `of` (n) or (n, components) being what it is a share of."""
         t = TOLERANCES[output]
-        relative = t.share + t.per_condition * self.condition + t.per_m * self.size
+        relative = t.share + t.per_condition * self.condition + t.per_m * self.size + t.per_use * self.use
         return t.floor + of * (relative[:, None] if of.ndim == 2 else relative)
 
     def difference(self, output: str) -> Array:

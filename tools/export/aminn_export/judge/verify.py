@@ -40,7 +40,7 @@ from ..replay.engines import ENGINES, load_engine
 from ..replay.runtime_place import REPLAY_SOURCES, RuntimePlace, find_runtime
 from ..samples.golden import GOLDEN_FILE, inputs_of, single_thread_session
 from ..samples.reference import Reference
-from ..samples.vectors import THETA, Results, read_results, read_vectors, write_vectors
+from ..samples.vectors import SENSORS, THETA, Results, read_results, read_vectors, write_vectors
 from .identity import check_model_hand, misfits
 from .verdict import Bins, Failure, Verdict, compare_bits, compare_within, worst_first
 from .verdict_report import Case, shown
@@ -125,6 +125,8 @@ def load_samples(source: AnyPath, min_samples: int | None = None, model: BinMode
             raise AminnError(
                 f"{source}: has a theta for each sample, which the model is not told; give vectors without"
             )
+        if hand is not None and not hand.sensing and any(name in samples.inputs for name in SENSORS):
+            raise AminnError(f"{source}: has sensors for each sample, which the model does not see; give others")
     if not len(samples.inputs["q"]):
         raise AminnError(f"{source}: holds no sample: there is nothing to verify")
     return samples

@@ -23,14 +23,14 @@ from aminn_rt.blob import FORMAT_VERSION
 
 from ..files.bin_model import BinModel, model_crc
 from ..files.tables import dims_of
-from ..samples.vectors import THETA, pack, shapes_with, write_results
+from ..samples.vectors import SENSORS, THETA, pack, shapes_with, write_results
 from .serial_line import BAUD_NAME, Line, open_port
 
 __all__ = ["Identity", "ask", "check_identity", "identity_of", "open_port", "replay"]
 
 QUESTION, ANSWER = b"AMNQ", b"AMNA"
 VERSION = 3
-REFUSED, IDENTITY, PREDICT = 0, 1, 2  # kinds
+REFUSED, IDENTITY, PREDICT, SENSE = 0, 1, 2, 3  # kinds
 DAMAGED, OTHER_VERSION, OTHER_KIND = 1, 2, 3  # why a question is refused
 TIMEOUT_S = 2.0
 TRIES = 5
@@ -187,9 +187,9 @@ class Conversation:
         return f"{asked}: {self._received} bytes came, no frame among them; is the board set to {BAUD_NAME}?{also}"
 
 
-def ask(conversation: Conversation, floats: bytes) -> tuple[int, NDArray[np.float32]]:
+def ask(conversation: Conversation, floats: bytes, kind: int = PREDICT) -> tuple[int, NDArray[np.float32]]:
     """(status, outputs and the decision) for the floats of one input. Raises AminnError on a bad line."""
-    body = conversation.ask(PREDICT, floats)
+    body = conversation.ask(kind, floats)
     return int.from_bytes(body[:4], "little", signed=True), np.frombuffer(body, "<f4", -1, 4)
 
 
@@ -234,11 +234,13 @@ def replay(line: Line, model: BinModel, inputs: dict[str, NDArray[np.float32]], 
     The board must run `model`: it is asked first.
     """
     hand = dims_of(model)
-    rows = pack(inputs, shapes_with(hand, np.shape(inputs[THETA])[-1] if THETA in inputs else 0), "<f4")
+    sensing = SENSORS[0] in inputs
+    shapes = shapes_with(hand, np.shape(inputs[THETA])[-1] if THETA in inputs else 0, sensing)
+    rows = pack(inputs, shapes, "<f4")
     conversation = Conversation(line)
     check_identity(conversation, model)
     start = line.now()
-    answers = [ask(conversation, row.tobytes()) for row in rows]
+    answers = [ask(conversation, row.tobytes(), SENSE if sensing else PREDICT) for row in rows]
     spent = line.now() - start
     values = np.array([a[1] for a in answers], "<f4").reshape(len(rows), hand.output + 1)
     write_results(out, values, np.array([a[0] for a in answers], "<i4"))

@@ -1,6 +1,7 @@
 """States that are hard to compute with: what simulation hardly ever gives, made from what it gives.
 
-Straight fingers, near-singular Jacobians, one or two contacts, large and tiny loads, contacts in one point. The state's
+Straight fingers, near-singular Jacobians, one or two contacts, large and tiny loads, contacts in one point, contacts
+that are pressed so lightly that they slide. The state's
 sensor values and the Jacobians need not belong to one hand any more; the model is a function of all of them.
 """
 
@@ -23,6 +24,7 @@ KINDS = (
     "tiny_wrench",
     "common_contact_point",
     "faded_contacts",
+    "light_grip",
 )
 
 
@@ -119,6 +121,8 @@ def adversarial_states(
         elif name == "common_contact_point":
             x["contacts"][:, :, 1:4] = x["contacts"][:, :1, 1:4] + rng.normal(0, 1e-6, (len(rows), dims.branches, 3))
             x["j_x"], x["j_q"] = closure(x["q"], x["x_ht"], x["contacts"], exported)
+        elif name == "light_grip":
+            x["contacts"][..., 7] *= 10 ** rng.uniform(-2, 0, (len(rows), dims.branches))
         else:
             x["contacts"][..., 0] *= 10 ** rng.uniform(-6, 0, (len(rows), dims.branches))
         parts.append(x)

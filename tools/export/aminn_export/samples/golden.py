@@ -26,12 +26,20 @@ def single_thread_session(model: AnyPath | bytes) -> ort.InferenceSession:
 
 
 def inputs_of(dataset: Dataset, exported: Exported | None = None) -> dict[str, NDArray[np.float32]]:
-    """Model inputs of a data set, float32 as every runtime gets them; of a told model theta, zeros if none is told."""
+    """Model inputs of a data set, in float32; also theta and sensors, if the model has them: zeros where not told."""
     samples = dataset.samples
     inputs = {name: np.ascontiguousarray(samples[name], np.float32) for name in INPUTS}
-    if exported is not None and (dims := dims_of(exported)).factors:
-        shape = (len(inputs["q"]), dims.factors + dims.joints + 1)
-        inputs[THETA] = np.ascontiguousarray(samples.get(THETA, np.zeros(shape)), np.float32)
+    if exported is None:
+        return inputs
+    dims = dims_of(exported)
+    optional: dict[str, tuple[int, ...]] = {}
+    if dims.factors:
+        optional[THETA] = (dims.factors + dims.joints + 1,)
+    if dims.sensing:
+        optional |= dims.sensors
+    for name, shape in optional.items():
+        values = samples.get(name, np.zeros((len(inputs["q"]), *shape)))
+        inputs[name] = np.ascontiguousarray(values, np.float32)
     return inputs
 
 
