@@ -83,7 +83,7 @@ AMINN_FUNCTION void logarithms(const Friction &friction, float seen[AMINN_N_SLID
 }
 #endif
 
-constexpr float kMaxLogBound = 0.0F;   // a pose error of 1, which no motion that is predicted has
+constexpr float kMaxLogBound = 80.0F;  // more than any bound: its exponential stays a number
 constexpr float kLeastMotion = 1e-12F; // m, so that no motion at all can be divided by
 
 // p_stable from ctx.feature, which what the statics of stage 1 gave is appended to: the motion with its size in logarithm,

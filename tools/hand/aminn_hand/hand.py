@@ -41,8 +41,8 @@ N_GATE = 3
 STATE = ("q", "x_ht", "w_e", "contacts")
 """What is measured before a load, and the load (`aminn_state_t` of the C runtime)."""
 INPUTS = (*STATE, "j_x", "j_q")
-MAX_LOG_BOUND = 0.0
-"""Of the logarithm of `bound_95` before it is corrected: a pose error of 1 is more than any motion that holds."""
+MAX_LOG_BOUND = 80.0
+"""Of the logarithm of `bound_95`: where a network is far beyond its data its exponential is no number."""
 OUTPUTS = ("p_stable", "dx_ht", "k_x", "gate", "p_slide", "bound_95", "friction_use")
 """Of a model, in their order; `Dims.inputs` and `Dims.outputs` have the shapes."""
 
