@@ -182,8 +182,8 @@ friction: setup-python ## friction learned from the loads of a grasp, and what i
 	@$(PYTHON) -m aminn_app.friction_study --run $(or $(RUN),$(BUILD)/runs/aminn) --data $(BUILD)/dataset --out $(REPORTS)/friction.json
 
 .PHONY: load
-load: setup-python ## largest admissible loads of 1000 grasps, simulated, beside fixed safety factors (MODEL=)
-	@$(PYTHON) -m aminn_app.load_study --model $(MODEL) --build $(BUILD) --jobs $(JOBS)
+load: setup-python ## largest admissible loads of 1000 grasps, simulated, beside fixed safety factors (MODEL=, IID=--iid)
+	@$(PYTHON) -m aminn_app.load_study --model $(MODEL) $(IID) --build $(BUILD) --jobs $(JOBS)
 	@echo "Report: $(REPORTS)/load.json"
 
 .PHONY: gallery

@@ -22,12 +22,14 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from aminn.data.regimes import FRICTION_MAX, NEW_FAMILY, SELECTION
 from aminn_base.files import write_atomically, write_json
 from aminn_base.program import Messages
 from aminn_hand.hand import STATE, Hand
 from aminn_hand.sensors import FRICTION_CLASSES, NOMINAL_FRICTION, class_of
 from aminn_rt import Model
 from aminn_sim import SimulationConfig
+from aminn_sim.config import TOOL_FAMILIES
 from aminn_sim.open_hand import open_hand
 from aminn_sim.replay import ReplayedGrasp, replay
 from aminn_sim.simulate import config_sha256
@@ -146,6 +148,13 @@ def grasps_of(name: str, scale: Scale, folder: Path, threads: int, echo: Callabl
         found.append(_kept(file, made_of) or _keep(file, made_of, measure(config, ids, halvings, threads)))
         echo(f"{name}: {ids.stop} of {config.grasps} grasps")
     return {key: np.concatenate([part[key] for part in found]) for key in found[0]}
+
+
+def like_the_training(grasps: Arrays) -> Arrays:
+    """Those of the tools that the runs of `make paper` learn from."""
+    alike = grasps["tool_family"] != TOOL_FAMILIES.index(NEW_FAMILY)
+    alike &= grasps["friction"] <= FRICTION_MAX
+    return {name: values[alike] for name, values in grasps.items()}
 
 
 def _chunks(config: SimulationConfig, scale: Scale) -> list[range]:
@@ -427,7 +436,7 @@ def outcomes(
     """
 
     def one(grasp: ReplayedGrasp) -> NDArray[np.bool_]:
-        i = grasp.grasp_id
+        i = row_of[grasp.grasp_id]
         found = np.zeros((len(KINDS), 2), bool)
         for k, (part, direction) in enumerate(zip(scales[i], grasps["directions"][i], strict=True)):
             if part > 0:
@@ -435,10 +444,14 @@ def outcomes(
                 found[k] = not case["stable"], bool(case["stable"]) and not borne(case)
         return found
 
-    made_of, parts = _made_of(config, 0), []
-    for ids in _chunks(config, scale):
-        loads = np.ascontiguousarray(scales[ids.start : ids.stop])
-        file = folder / f"outcomes-{ids.start:05d}-{hashlib.sha256(loads.tobytes()).hexdigest()[:16]}.npz"
+    made_of, parts, numbers = _made_of(config, 0), [], grasps["grasp_id"]
+    row_of = {number: row for row, number in enumerate(numbers.tolist())}
+    for chunk in _chunks(config, scale):
+        ids = [number for number in chunk if number in row_of]
+        if not ids:
+            continue
+        loads = np.concatenate([np.append(scales[row_of[number]], number) for number in ids])
+        file = folder / f"outcomes-{chunk.start:05d}-{hashlib.sha256(loads.tobytes()).hexdigest()[:16]}.npz"
         kept = _kept(file, made_of)
         parts.append(kept or _keep(file, made_of, {"wrong": np.stack(replay(config, ids, one, threads))}))
     found = np.concatenate([part["wrong"] for part in parts])
@@ -500,16 +513,23 @@ def missed(report: Figures) -> list[str]:
 
 
 def study(
-    model: Model, folder: Path, scale: Scale, threads: int, echo: Callable[[str], object] = click.echo
+    model: Model,
+    folder: Path,
+    scale: Scale,
+    threads: int,
+    echo: Callable[[str], object] = click.echo,
+    iid: bool = False,
 ) -> Figures:
-    """Measure what is not there yet; the flat report."""
+    """Measure what is not there yet; the flat report. iid: of tools like those that `make paper` trains on."""
     parts = {name: grasps_of(name, scale, folder, threads, echo) for name in SEEDS}
+    parts = {name: like_the_training(part) if iid else part for name, part in parts.items()}
     hand = open_hand().hand
     report: Figures = {
         "model": model.name,
-        "validation_grasps": scale.validation_grasps,
-        "test_grasps": scale.test_grasps,
-        "loads": scale.test_grasps * len(KINDS),
+        "validation_grasps": len(parts["validation"]["q"]),
+        "test_grasps": len(parts["test"]["q"]),
+        "loads": len(parts["test"]["q"]) * len(KINDS),
+        "grasps_are": SELECTION if iid else "all",
         "bound_translation_m": BOUNDS[0],
         "bound_rotation_rad": BOUNDS[1],
     }
@@ -526,12 +546,13 @@ def study(
 
 @click.command(cls=Messages)
 @click.option("--model", type=click.Path(path_type=Path), default=Path("tests/golden"), show_default=True)
+@click.option("--iid", is_flag=True, help="Judge on tools like those that the runs of `make paper` learn from.")
 @click.option("--build", type=click.Path(path_type=Path, file_okay=False), default=Path("build"), show_default=True)
 @click.option("--jobs", type=click.IntRange(1), default=None, help="Threads side by side.  [default: all cores]")
-def main(model: Path, build: Path, jobs: int | None) -> None:
+def main(model: Path, iid: bool, build: Path, jobs: int | None) -> None:
     """Let a model say what grasps bear, and simulate it: build/reports/load.json."""
     out = build / "reports" / "load.json"
-    report = study(Model.load(model), build / "load", Scale(), jobs or len(os.sched_getaffinity(0)))
+    report = study(Model.load(model), build / "load", Scale(), jobs or len(os.sched_getaffinity(0)), iid=iid)
     write_json(out, report)
     click.echo(f"aims missed: {report['aims_missed'] or 'none'}\nfigures: {out}")
 
