@@ -15,7 +15,7 @@ from aminn_export.files.tables import Exported
 from aminn_export.judge.fidelity import SquareRootReference
 from aminn_export.judge.verdict import known_condition
 from aminn_export.samples.golden import single_thread_session
-from aminn_hand.hand import Hand
+from aminn_hand.hand import OUTPUTS, Hand
 
 Inputs = dict[str, NDArray[np.float32]]
 
@@ -61,3 +61,17 @@ def test_the_graph_is_the_definition(name: str, sensing: bool) -> None:
     for key in ("p_stable", "p_slide"):
         assert (np.abs(found[key] - exact[key]) / (1 + 2e-4 * condition)).max() < 1e-4, key
     assert np.abs(found["friction_use"] - exact["friction_use"]).max() < 3e-3 * max(1, exact["friction_use"].max())
+
+
+def test_a_contact_that_is_none_has_no_influence() -> None:
+    model, hand = sliding("barrett_like", sensing=True)
+    x = states(hand, 40, 5) | random_sensors(hand.dims, 40, 6)
+    for name in ("contacts", "j_x", "j_q"):
+        x[name][:, 0] = 0
+    other = {name: value.copy() for name, value in x.items()}
+    other["contacts"][:, 0, 1:] = [0.01, 0.02, 0.09, 0.6, 0.0, 0.8, 5.0]
+    graph = session(model)
+    for predict in (lambda inputs: run_onnx(graph, inputs), SquareRootReference(model)):
+        found, again = predict(x), predict(other)
+        for name in OUTPUTS:
+            np.testing.assert_array_equal(found[name], again[name], err_msg=name)

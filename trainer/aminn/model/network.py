@@ -284,7 +284,9 @@ class Backbone(nn.Module):
         preload = PRELOAD_N * batch_first(part["preload"])  # (N, B, 3)
         if self.dims.sensing and "tool_weight" in x:
             preload = preload + self._preload_of_weight(x).to(preload.dtype)
-        return extras._replace(friction=friction, preload=preload)
+        contacts = x["contacts"]
+        force = torch.where(contacts[..., 0] > 0, contacts[..., 7], 0.0)  # of what is no contact nothing counts
+        return extras._replace(friction=friction, preload=preload, normal_force=force)
 
     def _preload_of_weight(self, x: dict[str, Tensor]) -> Tensor:
         """`preload_of_weight` (N, B, 3) where the tool's weight is known, else 0."""

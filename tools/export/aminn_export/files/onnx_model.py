@@ -584,9 +584,12 @@ class _AminnGraph:
         self.flag = flag
         if self.dims.slides:
             parts = [3, 3, 1, 3 * self.dims.coordinates]
-            _, self.normal, self.force, _ = g.split(
-                self.contact_raw, parts, 2, ["position", "contact_normal", "normal_force", "j_q_part"]
+            _, self.normal, force, _ = g.split(
+                self.contact_raw, parts, 2, ["position", "contact_normal", "normal_force_row", "j_q_part"]
             )
+            zero = g.constant("zero", 0.0)
+            touches = g.op("Greater", flag, zero, name="touches")
+            self.force = g.op("Where", touches, force, zero, name="normal_force")
 
     def constants_of(self, key: str) -> NDArray[np.float64]:
         """A regularisation constant of both stages (2)."""

@@ -226,7 +226,8 @@ class Reference:
         self, stage: int, k_q: Array, springs: dict[str, Array], x: dict[str, Array], stuck: Statics, give: Array
     ) -> Slid:
         """Solve, and give each contact that carries more than friction holds a compliance, SLIDE_STEPS times."""
-        contact, normal, n0 = x["contacts"][..., 0], x["contacts"][..., 4:7], x["contacts"][..., 7]
+        contact, normal = x["contacts"][..., 0], x["contacts"][..., 4:7]
+        n0 = np.where(contact > 0, x["contacts"][..., 7], 0)
         mu, preload = springs["friction"], springs["preload"]
 
         def parts(force: Array) -> tuple[Array, Array]:
