@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
+from runtime_models import SLIDES
 
 from aminn.hand.nominal import nominal_of, stiffness_terms
 from aminn_export.files.ranges import state_ranges
@@ -19,6 +20,7 @@ from aminn_sim.open_hand import default_hand_file
 from aminn_sim.understand import understand
 
 SHIPPED = default_hand_file().parent / "hands"
+REFERENCE_HAND = "three_finger_hand"
 WIDTHS = (16, 24, 12)
 """Of contact summary, trunk and classifier."""
 SOFT = ContactModel("soft_finger", 0.003)
@@ -129,8 +131,15 @@ def _normalisers(x: dict[str, NDArray]) -> dict[str, NDArray]:
     return found
 
 
-def random_model(hand: Hand, seed: int = 0, told: bool = False, slides: bool = False, sensing: bool = False) -> Model:
-    """Random weights on the hand's nominal mechanics; eps_m differs by branch and stage as the hand's does."""
+def random_model(
+    hand: Hand, seed: int = 0, told: bool = False, slides: bool | None = None, sensing: bool = False
+) -> Model:
+    """Random weights on the hand's nominal mechanics; eps_m differs by branch and stage as the hand's does.
+
+    slides: whether contacts can; None: of the reference hand as the compiled runtime has it, of others not.
+    """
+    if slides is None:
+        slides = SLIDES and hand.name == REFERENCE_HAND
     rng, (hc, h, hd) = np.random.default_rng(seed), WIDTHS
     x = random_states(hand, 200, seed + 1)
     tensors = _nominal(hand)

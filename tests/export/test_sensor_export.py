@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hands import Model, random_model, random_states
 from numpy.typing import NDArray
-from runtime_models import random_sensors
+from runtime_models import SLIDES, random_sensors
 from test_theta_export import ALL, NEEDED, N, relative, replayed, thetas
 
 from aminn_base.errors import AminnError
@@ -57,7 +57,7 @@ def test_the_runtime_repeats_onnx(slides: bool, build_dir: Path, tmp_path: Path,
 
 def test_what_is_told_changes_what_is_predicted_and_what_is_not_does_not(build_dir: Path, tmp_path: Path) -> None:
     """What stands behind a 0 has no influence; a flag that is none, or friction of 0, spoils its own sample alone."""
-    hand, model = made(slides=False, told=False)
+    hand, model = made(slides=SLIDES, told=False)
     x, told = random_states(hand, N, 2), random_sensors(hand.dims, N, 3)
     unknown = {name: np.zeros_like(value) for name, value in told.items()}
     nothing = {
