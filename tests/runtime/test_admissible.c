@@ -166,7 +166,8 @@ static void what_the_model_does_not_know_is_not_admissible(void)
 static void a_grasp_that_does_not_hold_bears_nothing(void)
 {
     aminn_output_t out;
-    state.w_e[2] = -15.0F;
+    state.w_e[2] = 0.9F * aminn_model.range_min[16]; /* w_e[2] */
+    limits.p_stable = 1.0F;
     TEST_ASSERT_EQUAL_INT(AMINN_OK, find());
     TEST_ASSERT_EQUAL_INT32(0, found.admissible);
     TEST_ASSERT_EQUAL_UINT32(AMINN_LIMITED_BY_HOLD, found.limited_by);
