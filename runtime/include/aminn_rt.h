@@ -810,7 +810,7 @@ float aminn_calibrator_sd(const aminn_calibrator_t *calibrator, int i);
  * leaves the range that the model was trained on; four halvings then narrow down where it ends. It is on average 2 % below that
  * end, by a sixteenth of the last step at most. Every load that was looked at and is not larger is admissible.
  *
- * Takes at most AMINN_LOAD_PREDICTIONS predictions, nearly all of its time, and 0.6 kB of stack beside them. No prediction with
+ * Takes at most AMINN_LOAD_PREDICTIONS predictions, nearly all of its time, and 1 kB of stack beside them. No prediction with
  * a load is as certain as it says: choose p_stable and margin for the risk that you accept (docs/runtime.md has figures).
  *
  * Returns AMINN_OK; AMINN_E_NULL; AMINN_E_NOT_INITIALISED; AMINN_E_NONFINITE for the direction; AMINN_E_LIMITS; what
