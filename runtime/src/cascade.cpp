@@ -10,9 +10,22 @@ namespace {
 // Nothing overflowed, and the load gives its energy to the grasp (w.dx >= 0). The statics ensure the latter unless the
 // stiffnesses lie further apart than float32 can tell, with a tool 1e8 m away for instance: then dx is noise. A gate or a
 // displacement that is no number makes one of these two no number: the condition holds K_x's diagonal, which bounds its
-// other entries, and 0 times infinity is NaN.
-bool sound(const aminn_input_t &in, const aminn_stage_debug_t &stage, const StaticsSummary &summary)
+// other entries, and 0 times infinity is NaN. With contacts that slide it is that of another K_x: theirs counts, too.
+bool sound(const aminn_input_t &in, unsigned wanted, const aminn_stage_debug_t &stage, const StaticsSummary &summary)
 {
+#if AMINN_N_SLIDE
+    float trace = 0.0F;
+    if ((wanted & kWantStiffness) != 0) {
+        for (int i = 0; i < AMINN_N_WRENCH; ++i) {
+            trace = trace + stage.k_x[i][i];
+        }
+    }
+    if (!within(trace, 0, kLargestBits)) {
+        return false;
+    }
+#else
+    (void)wanted;
+#endif
     float work = 0.0F;
     for (int i = 0; i < AMINN_N_WRENCH; ++i) {
         work = work + in.w_e[i] * stage.dx[i];
@@ -63,7 +76,7 @@ bool run_stage(aminn_t &ctx, int i, const Scene &scene, const aminn_input_t &in,
             }
         }
     }
-    return sound(in, ctx.stage[i], summary);
+    return sound(in, wanted, ctx.stage[i], summary);
 }
 
 } // namespace

@@ -126,7 +126,8 @@ AMINN_INLINE void store_in_si(Row &row, const float inv_scale[kMotion], int i, f
 }
 
 #if AMINN_N_SLIDE
-// Motions beyond the bounds of what is called stable are cut to these as a whole.
+// Motions beyond the bounds of what is called stable are cut to these as a whole; what float32 cannot tell the size of
+// becomes no number.
 static void cut_motion(const aminn_model_t &model, float dx[kMotion])
 {
     const float size = root(dot3(dx, dx));
@@ -138,6 +139,7 @@ static void cut_motion(const aminn_model_t &model, float dx[kMotion])
     if (angle * share > model.max_rotation) {
         share = model.max_rotation / angle;
     }
+    share = share > 0.0F ? share : NAN;
     for (int i = 0; i < kMotion; ++i) {
         dx[i] = share * dx[i];
     }
