@@ -106,7 +106,8 @@ static int check_stage(int i, const aminn_input_t &in, const aminn_stage_debug_t
     TEST_ASSERT_DOUBLE_WITHIN(1e-4, 0.0, difference(got.dq0, want.dq0));
     TEST_ASSERT_DOUBLE_WITHIN(1e-4, 0.0, difference(got.gate, want.gate, 1.0));
     TEST_ASSERT_DOUBLE_WITHIN(kSlides ? 4e-5 : 2e-5, 0.0, difference(got.dx, want.dx));
-    TEST_ASSERT_DOUBLE_WITHIN(1e-5, 0.0, difference(got.k_x, want.k_x));
+    // of a slide in the stiffest direction of a contact there are only so many digits, too
+    TEST_ASSERT_DOUBLE_WITHIN(kSlides ? 4e-5 : 1e-5, 0.0, difference(got.k_x, want.k_x));
     return slid;
 }
 
