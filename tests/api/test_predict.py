@@ -51,13 +51,14 @@ def x(data: Dataset) -> Arrays:
 
 
 def near(a: Predictions, b: Predictions) -> None:
-    """Of one model, by two engines."""
+    """Of one model, by two engines. Where contacts slide, the last digits of their forces count."""
+    slides = np.asarray(b.friction_use).max(1) > 0.5
     np.testing.assert_allclose(a.p_stable, b.p_stable, atol=2e-5)
     for name, axes in (("dx_ht", 1), ("k_x", (1, 2))):
         ours, theirs = getattr(a, name), getattr(b, name)
         gap = np.abs(ours - theirs).max(axes) / np.abs(theirs).max(axes)
-        # where a contact begins to slide, the last digits of its forces count
-        assert np.nanquantile(gap, 0.95) < 1e-4 and np.nanmax(gap) < 1e-2, name
+        assert np.nanmax(gap[~slides], initial=0.0) < 1e-4, name
+        assert not slides.any() or (np.nanquantile(gap, 0.95) < 1e-4 and np.nanmax(gap) < 1e-2), name
     np.testing.assert_allclose(a.gate, b.gate, atol=1e-4)
     np.testing.assert_allclose(a.p_slide, b.p_slide, atol=1e-4)
     np.testing.assert_allclose(a.bound_95, b.bound_95, rtol=1e-3)

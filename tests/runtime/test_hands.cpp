@@ -105,27 +105,29 @@ static int check_stage(int i, const aminn_input_t &in, const aminn_stage_debug_t
     TEST_ASSERT_DOUBLE_WITHIN(2e-5, 0.0, difference(got.dx0, want.dx0));
     TEST_ASSERT_DOUBLE_WITHIN(1e-4, 0.0, difference(got.dq0, want.dq0));
     TEST_ASSERT_DOUBLE_WITHIN(1e-4, 0.0, difference(got.gate, want.gate, 1.0));
-    TEST_ASSERT_DOUBLE_WITHIN(kSlides ? 4e-5 : 2e-5, 0.0, difference(got.dx, want.dx));
     // of a slide in the stiffest direction of a contact there are only so many digits, too
-    TEST_ASSERT_DOUBLE_WITHIN(kSlides ? 4e-5 : 1e-5, 0.0, difference(got.k_x, want.k_x));
+    TEST_ASSERT_DOUBLE_WITHIN(slid > 0 ? 4e-5 : 2e-5, 0.0, difference(got.dx, want.dx));
+    TEST_ASSERT_DOUBLE_WITHIN(slid > 0 ? 4e-5 : 1e-5, 0.0, difference(got.k_x, want.k_x));
     return slid;
 }
 
 static void check_against_float64(void)
 {
-    const double tolerance = kSlides ? 2e-4 : 1e-5;
     int slid = 0;
     for (uint32_t i = 0; i < kInputs; ++i) {
         aminn_input_t in;
         make_input(i, in);
         const aminn_output_t out = run(aminn::core_plain::run_cascade, plain, in);
         hand_reference::Reference want = hand_reference::predict(model, in, hand_reference::told_of(plain));
-        TEST_ASSERT_DOUBLE_WITHIN(tolerance, want.p_stable, static_cast<double>(out.p_stable));
-        TEST_ASSERT_DOUBLE_WITHIN(tolerance, want.p_slide, static_cast<double>(out.p_slide));
-        TEST_ASSERT_DOUBLE_WITHIN(tolerance * want.bound_95, want.bound_95, static_cast<double>(out.bound_95));
+        const int first = check_stage(0, in, plain.stage[0], want.stage[0]);
+        const int second = check_stage(1, in, plain.stage[1], want.stage[1]);
+        slid += first + second;
+        const double sure =
+            kSlides ? 2e-4 : 1e-5; // these follow from the forces of contacts that only nearly slide, too
+        TEST_ASSERT_DOUBLE_WITHIN(first > 0 ? 2e-4 : 1e-5, want.p_stable, static_cast<double>(out.p_stable));
+        TEST_ASSERT_DOUBLE_WITHIN(sure, want.p_slide, static_cast<double>(out.p_slide));
+        TEST_ASSERT_DOUBLE_WITHIN(sure * want.bound_95, want.bound_95, static_cast<double>(out.bound_95));
         TEST_ASSERT_DOUBLE_WITHIN(2e-3, 0.0, difference(out.friction_use, want.stage[0].use, 0.1));
-        slid += check_stage(0, in, plain.stage[0], want.stage[0]);
-        slid += check_stage(1, in, plain.stage[1], want.stage[1]);
         TEST_ASSERT_EQUAL_MEMORY(plain.stage[1].dx, out.dx_ht, sizeof out.dx_ht);
         TEST_ASSERT_EQUAL_MEMORY(plain.stage[1].k_x, out.k_x, sizeof out.k_x);
         TEST_ASSERT_EQUAL_MEMORY(plain.stage[1].gate, out.gate, sizeof out.gate);

@@ -10,6 +10,7 @@ Everything between SI inputs and SI outputs is inside, normalisation too. The sh
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import replace
 
 import numpy as np
@@ -414,7 +415,7 @@ def _of_each(name: str, value: Tensor, q: Tensor, size: int, what: str) -> Tenso
     return value.to(q.dtype).expand(len(q), size)
 
 
-class Cascade(nn.Module):
+class Cascade(nn.Module, ABC):
     """A model of a hand: SI in, SI out; both stages are always computed, the caller applies tau."""
 
     hand: Hand
@@ -467,13 +468,13 @@ class Cascade(nn.Module):
         """Outputs of what `inputs` takes."""
         return self.outputs(self.inputs(*given, **named))
 
+    @abstractmethod
     def outputs(self, x: dict[str, Tensor]) -> dict[str, Tensor]:
         """Of inputs by name."""
-        raise NotImplementedError
 
+    @abstractmethod
     def seen_by_sure(self, x: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor]:
         """What `sure` takes of inputs by name, feature and statics, and the motion (N, 6) that it judges."""
-        raise NotImplementedError
 
 
 class Aminn(Cascade):
