@@ -35,9 +35,9 @@ float *take(const float *sensor, int n, float *seen)
 
 #if AMINN_N_SLIDE
 // Of forces across the normals before the load, of force and moment that statics leaves: standard deviations.
-constexpr float kTangential = 0.7F; // N
-constexpr float kForce = 0.3F;      // N
-constexpr float kMoment = 0.008F;   // N.m
+constexpr float kTangential = 0.7F;   // N
+constexpr float kLeftForce = 0.3F;    // N
+constexpr float kLeftMoment = 0.008F; // N.m
 
 // Forces across the normals that carry the tool's weight with the normal forces, small ones where many would: a ridge
 // estimate T = P A y, of [W; 0] + sum_b c_b A_b^T (n N + T) and T together, made of rows across the normals.
@@ -70,7 +70,7 @@ void carry_weight(const aminn_model_t &model, const aminn_input_t &in, const flo
         }
     }
     for (int i = 0; i < kMotion; ++i) {
-        const float ridge = (i < 3 ? kForce : kMoment * scene.scale[i]) / kTangential;
+        const float ridge = (i < 3 ? kLeftForce : kLeftMoment * scene.scale[i]) / kTangential;
         row_weight[2 * kBranch + i] = ridge * ridge;
     }
     Row u[kMotion];
