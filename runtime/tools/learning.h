@@ -49,7 +49,7 @@ static inline uint32_t learned_crc(const aminn_calibrator_t *calibrator)
     return crc;
 }
 
-/* CRC-32, continued, of the largest admissible load along that of sample i; of files that hold states alone. */
+/* CRC-32, continued, of the largest admissible load along that of sample i, nothing told of sensors; of files without theta. */
 static inline uint32_t load_crc(aminn_t *ctx, const vector_header_t *header, uint32_t i, const aminn_input_t *in,
                                 uint32_t crc)
 {
@@ -58,7 +58,7 @@ static inline uint32_t load_crc(aminn_t *ctx, const vector_header_t *header, uin
     uint32_t words[3];
     aminn_state_t state;
     aminn_admissible_t found;
-    if (i >= LOADED_SAMPLES || vector_n_theta(header) != 0 || vector_n_sensor(header) != 0) {
+    if (i >= LOADED_SAMPLES || vector_n_theta(header) != 0) {
         return crc;
     }
     memcpy(&state, in, sizeof state);
