@@ -81,17 +81,23 @@ static uint32_t loads_crc;
 static void calibrate_all(const aminn_model_t *model, const vector_header_t *vectors, const float *rows)
 {
     static aminn_t ctx;
-    const size_t size = vector_sample(vectors);
+    static aminn_sensors_t sensors;
+    const size_t size = vector_sample(vectors), n_sensor = vector_n_sensor(vectors);
     aminn_status_t status = aminn_init(&ctx, model, 0);
     uint32_t i;
     status = status == AMINN_OK ? aminn_calibrator_init(&calibrator, model, NULL, NULL) : status;
     if (status != AMINN_OK) {
         die("%s: %s", aminn_status_name(status), aminn_status_text(status));
     }
+    if (n_sensor != 0) {
+        aminn_sense(&ctx, &sensors); /* of a model that sees none all samples were refused */
+    }
     for (i = 0; i < vectors->n; ++i) {
         const float *row = rows + (size_t)i * RESULT_N_OUT; /* p_stable, dx_ht .. stable */
         aminn_input_t in;
-        memcpy(&in, (const float *)(vectors + 1) + i * size, sizeof in);
+        const float *sample = (const float *)(vectors + 1) + i * size;
+        memcpy(&in, sample, sizeof in);
+        memcpy(&sensors, sample + size - n_sensor, n_sensor * sizeof *sample);
         loads_crc = load_crc(&ctx, vectors, i, &in, loads_crc);
         learn_sample(&ctx, &calibrator, i, &in, row + 1, row[VECTOR_N_OUT] > 0.5F);
     }

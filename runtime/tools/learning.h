@@ -49,7 +49,7 @@ static inline uint32_t learned_crc(const aminn_calibrator_t *calibrator)
     return crc;
 }
 
-/* CRC-32, continued, of the largest admissible load along that of sample i, nothing told of sensors; of files without theta. */
+/* CRC-32, continued, of the largest admissible load along that of sample i, whose sensors ctx is told; of files without theta. */
 static inline uint32_t load_crc(aminn_t *ctx, const vector_header_t *header, uint32_t i, const aminn_input_t *in,
                                 uint32_t crc)
 {

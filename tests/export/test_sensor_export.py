@@ -17,6 +17,7 @@ from aminn_export.export import write_model_files
 from aminn_export.files.bin_model import read_bin_model, write_bin_model
 from aminn_export.files.onnx_model import ONNX_FILE, read_metadata
 from aminn_export.judge.verify import load_samples, verify
+from aminn_export.replay.targets import replay_all
 from aminn_export.samples.golden import run_onnx, single_thread_session
 from aminn_export.samples.reference import Reference
 from aminn_export.samples.vectors import read_vectors, write_vectors
@@ -53,6 +54,18 @@ def test_the_runtime_repeats_onnx(slides: bool, build_dir: Path, tmp_path: Path,
     assert report["host_bin_refused"] == 0 and 0 < report["host_bin_dx_relative_median"] < 2e-6
     assert slides or report["ok"], report["failures"]
     trust[f"sensors_{'slide' if slides else 'stick'}_dx_share_of_limit_max"] = report["host_bin_dx_share_of_limit_max"]
+
+
+@pytest.mark.skipif(not all(map(shutil.which, NEEDED)), reason="needs a compiler for the Cortex-M7, and its emulator")
+def test_pushes_and_loads_have_the_same_bits_where_sensors_are_told(tmp_path: Path) -> None:
+    """What a board and a host learn from samples with sensors, and the largest loads that they find."""
+    hand, model = made(slides=True, told=False)
+    out, vectors = exported(model, tmp_path / "export"), tmp_path / "vectors.bin"
+    x = random_states(hand, 64, 5) | random_sensors(hand.dims, 64, 6)
+    write_vectors(vectors, x, run_onnx(single_thread_session(out / ONNX_FILE), x))
+    replays = replay_all(("x86_64_gcc_O0", "cortex_m7"), out, "aminn_model", vectors, tmp_path, 2)
+    figures = {tuple(told[name] for name in ("pushes", "calibration_crc", "loads_crc")) for _, told in replays.values()}
+    assert len(figures) == 1 and min(figures)[0] > 10
 
 
 def test_what_is_told_changes_what_is_predicted_and_what_is_not_does_not(build_dir: Path, tmp_path: Path) -> None:
