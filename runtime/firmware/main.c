@@ -3,7 +3,7 @@
  * (semihosting), so that the results can be compared there.
  *
  * Command line: firmware VECTORS.bin OUT.bin   the formats of runtime/tools/vector_file.h
- *               firmware --control FRAMES.bin  a 1 kHz loop that limits the commanded load (control.c)
+ *               firmware --control FRAMES.bin  a 100 Hz loop that limits the commanded load (control.c)
  *               firmware --calibrate PUSHES.bin  that limiter before and after it has learned from ten pushes (learn.c)
  *               firmware --serial              answers on the UART (serial.c)
  *               firmware --self-test           the self-test under other modes of the FPU (self_test.c)

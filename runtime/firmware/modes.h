@@ -7,7 +7,7 @@
 /* Of the two modes that have one: memory is short on some boards. */
 extern limiter_t limiter;
 
-/* firmware --control FRAMES.bin: a 1 kHz loop on the states of a vector file. */
+/* firmware --control FRAMES.bin: a 100 Hz loop on the states of a vector file. */
 int run_control(const char *frames);
 
 /* firmware --calibrate PUSHES.bin: the limiter judges loads, learns from ten pushes, and judges them again (learn.c). */
