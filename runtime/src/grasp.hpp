@@ -92,15 +92,10 @@ AMINN_FUNCTION void factor_contact(const Branches *springs, const aminn_input_t 
     if constexpr (kGated) {
         contact.root_contact = root(c);
     }
-    float minus_u[kSideBySide][3];
-    scatter(-u[0][1], &minus_u[0][0], 3, n);
-    scatter(-u[0][2], &minus_u[0][1], 3, n);
-    scatter(-u[1][2], &minus_u[0][2], 3, n);
+    const Branches minus_u[3] = {-u[0][1], -u[0][2], -u[1][2]};
     if constexpr (kSliding) {
-        contact.minus_u[0] = -u[0][1];
-        contact.minus_u[1] = -u[0][2];
-        contact.minus_u[2] = -u[1][2];
         for (int i = 0; i < 3; ++i) {
+            contact.minus_u[i] = minus_u[i];
             contact.d[i] = d[i];
         }
     }
@@ -111,7 +106,8 @@ AMINN_FUNCTION void factor_contact(const Branches *springs, const aminn_input_t 
         scatter(c * inv_d[i], weight + i, 3, n);
     }
     for (int k = 0; k < n; ++k) {
-        substitute<3>(v + 3 * k, minus_u[k]);
+        float room[3];
+        substitute<3>(v + 3 * k, three_of(minus_u, k, room));
     }
 }
 
