@@ -11,13 +11,12 @@ static_assert(1 + kSteps + kHalvings == AMINN_LOAD_PREDICTIONS, "as documented")
 
 constexpr int kLoad = offsetof(aminn_state_t, w_e) / sizeof(float); // in a state's numbers
 constexpr float kWithin = 0.999999F;                                // so that rounding leaves a load in its range
-constexpr float kLargest = 3.402823466e38F;
 
 bool are_limits(const aminn_load_limits_t &l)
 {
-    return l.max_translation > 0.0F && l.max_rotation > 0.0F && l.margin >= 0.0F && l.margin <= kLargest &&
+    return l.max_translation > 0.0F && l.max_rotation > 0.0F && l.margin >= 0.0F && l.margin <= FLT_MAX &&
            l.p_stable >= 0.0F && l.p_stable <= 1.0F && l.p_slide >= 0.0F && l.p_slide <= 1.0F && l.max_scale > 0.0F &&
-           l.max_scale <= kLargest;
+           l.max_scale <= FLT_MAX;
 }
 
 // The largest scale, at most max_scale, with which the load lies in the range that the model was trained on; not below zero.

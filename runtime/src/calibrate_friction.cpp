@@ -11,12 +11,6 @@
 namespace aminn {
 namespace {
 
-bool sensor_ok(const float *friction)
-{
-    const bool known = friction[0] == 1.0F && friction[1] > 0.0F && friction[2] >= 0.0F;
-    return all_finite(friction, 3) && (known || friction[0] == 0.0F);
-}
-
 #if AMINN_N_SLIDE
 constexpr int kCoefficients = AMINN_N_COEFFICIENT;
 constexpr float kLeastFriction = 0.4F;
@@ -113,13 +107,14 @@ void together(const float *likelihood, const float *sensor, float *friction)
     friction[2] = root(found.variance);
 }
 
-void combine(const float *likelihood, const float *sensor, float *friction)
+// What a sensor says becomes what it and the likelihood say.
+void combine(const float *likelihood, float *friction)
 {
     float found[3];
-    if (sensor[0] == 0.0F) {
+    if (friction[0] == 0.0F) {
         alone(likelihood, found);
     } else {
-        together(likelihood, sensor, found);
+        together(likelihood, friction, found);
     }
     if (all_finite(found, 3)) {
         std::memcpy(friction, found, sizeof found);
@@ -171,15 +166,14 @@ aminn_status_t aminn_calibrator_friction(const aminn_calibrator_t *calibrator, c
         return AMINN_E_NULL;
     }
     const float *const own = sensor == nullptr ? kUnknown : sensor;
-    if (!sensor_ok(own)) {
+    if (!(all_finite(own, 3) & friction_in_range(own))) {
         return AMINN_E_SENSORS;
     }
     std::memmove(friction, own, 3 * sizeof *own);
 #if AMINN_N_SLIDE
     const bool exact = friction[0] != 0.0F && friction[2] == 0.0F;
     if (!exact && same_grasp(*calibrator, *state)) {
-        const float known[3] = {friction[0], friction[1], friction[2]};
-        combine(calibrator->friction, known, friction);
+        combine(calibrator->friction, friction);
     }
 #endif
     return AMINN_OK;

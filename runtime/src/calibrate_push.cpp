@@ -28,9 +28,6 @@ constexpr float kSlipped = 400.0F;      // and above which not at all
 constexpr float kLeastVariance = 1e-6F; // of a logarithm, so that rounding leaves a covariance
 constexpr float kSameJoint = 0.02F;     // rad: what a joint may turn by from push to push of one grasp
 constexpr float kSameTool = 0.002F;     // m, rotations times length_scale: and the tool move by
-#if AMINN_N_SLIDE
-constexpr float kPressed = 0.01F; // N: the least normal force
-#endif
 
 template <int n, int m>
 using Matrix = float[n][m];
@@ -490,7 +487,7 @@ PushedFriction judge(const aminn_t &ctx, const Grasp &grasp, const float *measur
             square = add_product(square, across, across);
         }
         const float left = contact[7] - along;
-        const float asked = contact[0] * root(square) / (left > kPressed ? left : kPressed);
+        const float asked = contact[0] * root(square) / (left > kLeastPressing ? left : kLeastPressing);
         trial.asked = asked > trial.asked ? asked : trial.asked;
     }
     const float length = root(inner(motion, motion, 3)) / model.max_translation;

@@ -55,6 +55,7 @@ constexpr bool kGated = AMINN_N_GATED > 0;
 constexpr bool kSomeLack = kGated && AMINN_N_GATED < kBranch; // a gated tendon: their nominal gain is zero
 constexpr bool kTwisted = AMINN_N_TWIST > 0;                  // fingertips resist twisting
 constexpr bool kSliding = AMINN_N_SLIDE > 0;                  // contacts can slide
+constexpr float kLeastPressing = 0.01F;                       // N: below it one that can is as good as lost
 constexpr int kMotion = AMINN_N_WRENCH;
 constexpr int kContacts = AMINN_N_JOINT + 2 * AMINN_N_WRENCH; // numbers before them in aminn_state_t: q, x_ht, w_e
 

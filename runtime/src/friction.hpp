@@ -28,9 +28,8 @@ namespace aminn {
 inline namespace AMINN_CORE {
 
 constexpr int kSteps = 3;
-constexpr float kMostSlide = 5e-3F;     // m/N: what gives more than this holds nothing
-constexpr float kLeastPressing = 0.01F; // N: below it a contact is as good as lost
-constexpr float kLeastReserve = 0.01F;  // of (mu N)^2, which a contact is believed to have left, whatever T0 uses of it
+constexpr float kMostSlide = 5e-3F;    // m/N: what gives more than this holds nothing
+constexpr float kLeastReserve = 0.01F; // of (mu N)^2, which a contact is believed to have left, whatever T0 uses of it
 constexpr float kMostUse = 100.0F;
 constexpr float kNoStiffness = 1e-30F; // N/m, whose inverse is a number
 constexpr float kNoForce = 1e-12F;     // N^2, whose root is that of no force at all

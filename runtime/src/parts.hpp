@@ -30,6 +30,17 @@ inline aminn_status_t take_sensors(aminn_t &ctx, const aminn_input_t &in)
     return ctx.sense != nullptr ? ctx.sense(&ctx, &in) : AMINN_OK;
 }
 
+inline bool is_flag(float known)
+{
+    return known == 0.0F || known == 1.0F;
+}
+
+// whether three finite numbers are an aminn_sensors_t.friction
+inline bool friction_in_range(const float *friction)
+{
+    return is_flag(friction[0]) & ((friction[0] == 0.0F) | ((friction[1] > 0.0F) & (friction[2] >= 0.0F)));
+}
+
 // calibrate_push.cpp: whether the state is of the grasp of the latest push
 bool same_grasp(const aminn_calibrator_t &c, const aminn_state_t &state);
 

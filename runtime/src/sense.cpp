@@ -8,20 +8,16 @@ namespace {
 constexpr float kFrictionSpread =
     0.3F; // relative deviation of a coefficient that says no more than that nothing is known
 
-bool is_flag(float known)
-{
-    return known == 0.0F || known == 1.0F;
-}
-
 bool in_range(const aminn_sensors_t &sensors)
 {
     constexpr int kNumbers = sizeof sensors / sizeof(float);
     static_assert(kNumbers == AMINN_N_SENSOR, "aminn_sensors_t is floats without gaps");
-    bool ok = all_finite(sensors.friction, kNumbers) & is_flag(sensors.friction[0]) & is_flag(sensors.tool_weight[0]);
+    bool ok =
+        all_finite(sensors.friction, kNumbers) & friction_in_range(sensors.friction) & is_flag(sensors.tool_weight[0]);
 #if AMINN_N_TENDON > 0
     ok &= is_flag(sensors.tendon_tension[0]);
 #endif
-    return ok & ((sensors.friction[0] == 0.0F) | ((sensors.friction[1] > 0.0F) & (sensors.friction[2] >= 0.0F)));
+    return ok;
 }
 
 // A flag and its n numbers, zeros where nothing is known; returns where the next ones go.
