@@ -15,7 +15,7 @@
 #define AMINN_N_TWIST 0  /* branches with a soft fingertip, which resists twisting about its normal: all or none */
 #define AMINN_N_STIFF 10 /* stiffnesses of springs, servos and tendons that theta tells apart: like parts share one */
 #define AMINN_N_TENDON 6 /* tendons of the hand, whose tensions may be measured */
-#define AMINN_N_SLIDE 0  /* 1: contacts of the layer can slide; its models give friction and preload of each */
+#define AMINN_N_SLIDE 1  /* 1: contacts of the layer can slide; its models give friction and preload of each */
 
 /* Names of the joints in the order of q, for aminn_field_name(). */
 #define AMINN_JOINT_NAMES(X) \

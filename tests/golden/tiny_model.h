@@ -4,7 +4,7 @@
 
 #include "aminn_rt.h"
 
-#if AMINN_N_BRANCH != 3 || AMINN_N_COORD != 3 || AMINN_N_JOINT != 8 || AMINN_N_GATED != 3 || AMINN_N_TWIST != 0 || AMINN_N_STIFF != 10 || AMINN_N_TENDON != 6 || AMINN_N_SLIDE != 0
+#if AMINN_N_BRANCH != 3 || AMINN_N_COORD != 3 || AMINN_N_JOINT != 8 || AMINN_N_GATED != 3 || AMINN_N_TWIST != 0 || AMINN_N_STIFF != 10 || AMINN_N_TENDON != 6 || AMINN_N_SLIDE != 1
 #error "this model is for another hand (unknown): compile library and program with its aminn_hand.h"
 #endif
 #if AMINN_MAX_WIDTH < 9

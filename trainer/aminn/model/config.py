@@ -104,10 +104,10 @@ class ModelConfig:
     """Contacts resist twisting about their normals, or "hand": where the hand has soft fingertips."""
     told: Annotated[bool | None, _of_data] = None
     """Networks see the factors of theta, or "data": where the training data vary them. The layer follows them."""
-    sensors: Annotated[bool | None, _of_data] = False
+    sensors: Annotated[bool | None, _of_data] = None
     """Networks see friction, the tool's weight and tendon tensions where they are known, or "data": where the training
     data can tell all of them, as simulated ones do. One model is right with any of them, and with none."""
-    friction: Literal["none", "secant"] = "none"
+    friction: Literal["none", "secant"] = "secant"
     """Contacts hold whatever they carry ("none", the paper's layer), or slide where friction is used up ("secant")."""
     motion_limits: tuple[Scale, Scale] = (0.010, 0.35)
     """Motions are cut to these bounds where contacts slide, m and rad: those of a grasp that holds."""

@@ -43,7 +43,7 @@ class Tolerance:
 
 
 TOLERANCES = {
-    "p_stable": Tolerance("p (1 - p)", 5e-7, 1e-5, 2e-9, 0.0, 0.0, 0.3),
+    "p_stable": Tolerance("p (1 - p)", 5e-7, 1e-5, 2e-9, 0.0, 5e-5, 0.3),
     "dx_ht": Tolerance("abs(dx_ht)", 1e-9, 4e-5, 8e-9, 0.0, 0.0, 0.03),
     "k_x": Tolerance("its largest entry", 0.0, 4e-6, 0.0, 4e-5, 1e-3, 0.15),
     "gate": Tolerance("g (1 - g)", 5e-7, 4e-5, 0.0, 4e-3, 0.0, 0.4),
