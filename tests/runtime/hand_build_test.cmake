@@ -60,8 +60,8 @@ set(COMPILE ${C_COMPILER} -std=c99 "-I${FOLDER}/prefix/include" user.c)
 run(fail ${COMPILE} "${REFERENCE}" -lm -o user)
 expect("undefined reference to .aminn_library_of_2_branches_2_coordinates_4_joints_2_gated_0_twisted_4_stiff_2_tendons_0_slide")
 run(ok ${COMPILE} "${OWN}" -lm -o user)
-file(WRITE "${FOLDER}/other.c" "extern const char aminn_library_of_3_branches_3_coordinates_8_joints_3_gated_0_twisted_10_stiff_6_tendons_0_slide[];
-const char *other(void) { return aminn_library_of_3_branches_3_coordinates_8_joints_3_gated_0_twisted_10_stiff_6_tendons_0_slide; }\n")
+file(WRITE "${FOLDER}/other.c" "extern const char aminn_library_of_3_branches_3_coordinates_8_joints_3_gated_0_twisted_10_stiff_6_tendons_1_slide[];
+const char *other(void) { return aminn_library_of_3_branches_3_coordinates_8_joints_3_gated_0_twisted_10_stiff_6_tendons_1_slide; }\n")
 run(fail ${COMPILE} other.c "${OWN}" "${REFERENCE}" -lm -o user)
 expect("multiple definition of .aminn_init_sized")
 

@@ -27,14 +27,27 @@ golden_t load_golden(const char *path)
     size_t size = 0;
     uint8_t *bytes = load_file(path, &size);
     const vector_header_t *header = (const vector_header_t *)(const void *)bytes;
+    const float *sample = (const float *)(const void *)(header + 1);
+    aminn_input_t *inputs;
+    aminn_sensors_t *sensors;
+    uint32_t i;
     TEST_ASSERT_TRUE_MESSAGE(size >= sizeof *header, path);
     TEST_ASSERT_NULL_MESSAGE(vector_header_error(header, size - sizeof *header), path);
     TEST_ASSERT_EQUAL_HEX32(header->crc, vector_crc(0, header + 1, size - sizeof *header));
+    TEST_ASSERT_EQUAL_UINT32(0, vector_n_theta(header));
     golden.memory = bytes;
     golden.n = header->n;
-    golden.inputs = (const aminn_input_t *)(const void *)(header + 1);
-    golden.reference = (const float *)(golden.inputs + golden.n);
-    TEST_ASSERT_EQUAL_UINT32(VECTOR_N_IN, vector_sample(header));
+    golden.samples = malloc((size_t)golden.n * (sizeof *inputs + sizeof *sensors) + 1);
+    TEST_ASSERT_NOT_NULL_MESSAGE(golden.samples, path);
+    inputs = golden.samples;
+    sensors = (aminn_sensors_t *)(void *)(inputs + golden.n);
+    for (i = 0; i < golden.n; ++i, sample += vector_sample(header)) {
+        memcpy(&inputs[i], sample, sizeof *inputs);
+        memcpy(&sensors[i], sample + VECTOR_N_IN, vector_n_sensor(header) * sizeof *sample);
+    }
+    golden.inputs = inputs;
+    golden.sensors = vector_n_sensor(header) != 0 ? sensors : NULL;
+    golden.reference = sample;
     if (vector_has_f64(header)) {
         golden.reference_f64 = (const double *)(const void *)(golden.reference + (size_t)golden.n * VECTOR_N_OUT);
     }
@@ -44,7 +57,17 @@ golden_t load_golden(const char *path)
 void free_golden(golden_t *golden)
 {
     free(golden->memory);
-    golden->memory = NULL;
+    free(golden->samples);
+    golden->memory = golden->samples = NULL;
+}
+
+aminn_status_t predict_golden(aminn_t *ctx, const golden_t *golden, uint32_t i, aminn_output_t *out)
+{
+    aminn_status_t status = aminn_sense(ctx, golden->sensors != NULL ? &golden->sensors[i] : NULL);
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, status);
+    status = aminn_predict(ctx, &golden->inputs[i], out);
+    aminn_sense(ctx, NULL);
+    return status;
 }
 
 aminn_state_t state_of(const aminn_input_t *in)

@@ -188,7 +188,7 @@ static void constants_out_of_range_are_refused(void)
     REFUSED_SCALAR(max_rotation, INFINITY);
     REFUSED_SCALAR(bound_edge[0], -0.1F);
     REFUSED_SCALAR(bound_edge[1], NAN);
-    REFUSED_SCALAR(bound_edge[1], 0.2F); /* not ascending */
+    REFUSED_SCALAR(bound_edge[1], 0.5F * model.bound_edge[0]); /* not ascending */
     REFUSED_SCALAR(bound_edge[2], 1.5F);
     REFUSED_SCALAR(bound_factor[3], 0.0F);
     REFUSED_VALUE(nominal.eps_m[0], 3, 0, 0.0F);
