@@ -42,6 +42,6 @@ float mean_error(const verdict_t *verdict)
 
 int is_better(const verdict_t *verdict, const verdict_t *before)
 {
-    return verdict->wrong <= before->wrong && verdict->needless <= before->needless &&
+    return verdict->wrong <= before->wrong && verdict->wrong + verdict->needless <= before->wrong + before->needless &&
            mean_error(verdict) < mean_error(before);
 }

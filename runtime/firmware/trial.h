@@ -27,7 +27,7 @@ void judge(limiter_t *limiter, float length_scale, trial_t *trial, verdict_t *ve
 /* Mean of `error`; 0 where nothing could be compared. */
 float mean_error(const verdict_t *verdict);
 
-/* Of the same loads: no more let through wrongly, no more refused needlessly, and the motion predicted better. */
+/* Of the same loads: no more let through wrongly, no more wrong verdicts in all, and the motion predicted better. */
 int is_better(const verdict_t *verdict, const verdict_t *before);
 
 #endif

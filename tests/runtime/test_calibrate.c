@@ -195,7 +195,8 @@ static void measured_states_are_corrected(void)
     assert_same_output(&by_state, &by_input);
 }
 
-/* A model that is told factors: that of aminn_model, whose networks see in addition what the last argument weighs. */
+/* A model that is told factors: aminn_model without what it sees of sensors, which are none here; its networks see in
+ * addition what the last argument weighs. */
 static struct {
     float mean[AMINN_N_STAGE][AMINN_N_TOLD_INPUT], inv_std[AMINN_N_STAGE][AMINN_N_TOLD_INPUT], zeros[AMINN_N_FACTOR];
     float trunk1_w[AMINN_N_STAGE][(64 + AMINN_N_TOLD_INPUT) * 64];
@@ -223,15 +224,18 @@ static void tell(float weight)
         stage->global_inv_std = told.inv_std[k];
     }
     model.n_told = AMINN_N_FACTOR;
+    model.n_sensed = 0;
     model.nominal.told = told.zeros;
 }
 
 static void networks_of_a_told_model_see_the_factors(void)
 {
     const aminn_input_t in = good_input();
-    const aminn_output_t untold = predicted(&in);
-    aminn_output_t calibrated, out;
+    aminn_output_t untold, calibrated, out;
     int i;
+    model.n_sensed = 0; /* the rows for sensors are the last ones */
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &model, AMINN_FLAG_ALWAYS_STAGE2));
+    untold = predicted(&in);
     for (i = FIRST_ZERO; i < AMINN_N_THETA; ++i) {
         theta[i] = 0.0F;
     }

@@ -1,7 +1,7 @@
 /*
  * Parity: the compiled model and the blob on the golden vectors. Prints the largest difference of each output and fails
  * on it: dx_ht within 1e-4 of its own norm (rotations times 0.1 m) plus 1e-9 m, median of that ratio under 2e-6, p_stable
- * within 1e-5, the decision identical.
+ * within 1e-5, the decision identical. Where a contact slides, stiffness and bound have fewer digits.
  */
 #include <stdlib.h>
 
@@ -21,7 +21,7 @@ void tearDown(void)
 }
 
 typedef struct parity {
-    double p_stable, dx_max, dx_median, dx_excess, k_x, gate, p_slide, bound_95;
+    double p_stable, dx_max, dx_median, dx_excess, k_x, k_x_excess, gate, p_slide, bound_95, bound_excess;
     uint32_t decisions;
 } parity_t;
 
@@ -64,13 +64,23 @@ static double largest_relative(const float *values, const golden_t *g, int f64, 
     return difference / size;
 }
 
+/* A contact that slides is as soft as what its friction does not bear of the force: a small difference of large numbers. */
+static int any_slides(const golden_t *g, int f64, uint32_t sample)
+{
+    int b, slides = 0;
+    for (b = 0; b < AMINN_N_BRANCH; ++b) {
+        slides |= ref(g, f64, sample, 48 + b) > 1;
+    }
+    return slides;
+}
+
 static parity_t compare(const aminn_model_t *model, const golden_t *g, int f64)
 {
     parity_t worst = {0};
     double *relative = calloc(g->n + 1, sizeof *relative);
     uint32_t s;
     TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, model, AMINN_FLAG_ALWAYS_STAGE2));
-    worst.dx_excess = -1;
+    worst.dx_excess = worst.k_x_excess = worst.bound_excess = -1;
     for (s = 0; s < g->n; ++s) {
         aminn_output_t out;
         double norm = 0, difference;
@@ -80,10 +90,14 @@ static parity_t compare(const aminn_model_t *model, const golden_t *g, int f64)
         worst.dx_max = fmax(worst.dx_max, relative[s]);
         worst.dx_excess = fmax(worst.dx_excess, difference - (1e-4 * norm + 1e-9));
         worst.p_stable = fmax(worst.p_stable, fabs((double)out.p_stable - ref(g, f64, s, 0)));
-        worst.k_x = fmax(worst.k_x, largest_relative(&out.k_x[0][0], g, f64, s, 7, 36));
+        difference = largest_relative(&out.k_x[0][0], g, f64, s, 7, 36);
+        worst.k_x = fmax(worst.k_x, difference);
+        worst.k_x_excess = fmax(worst.k_x_excess, difference - (any_slides(g, f64, s) ? 5e-4 : 1e-4));
         worst.gate = fmax(worst.gate, largest_relative(out.gate, g, f64, s, 43, 3));
         worst.p_slide = fmax(worst.p_slide, fabs((double)out.p_slide - ref(g, f64, s, 46)));
-        worst.bound_95 = fmax(worst.bound_95, largest_relative(&out.bound_95, g, f64, s, 47, 1));
+        difference = largest_relative(&out.bound_95, g, f64, s, 47, 1);
+        worst.bound_95 = fmax(worst.bound_95, difference);
+        worst.bound_excess = fmax(worst.bound_excess, difference - (any_slides(g, f64, s) ? 2e-4 : 1e-5));
         worst.decisions += out.stable != ((float)ref(g, f64, s, 0) >= model->tau);
     }
     qsort(relative, g->n, sizeof *relative, by_size);
@@ -95,17 +109,17 @@ static parity_t compare(const aminn_model_t *model, const golden_t *g, int f64)
 static void assert_parity(const char *name, const aminn_model_t *model, const golden_t *g, int f64)
 {
     const parity_t worst = compare(model, g, f64);
-    printf("%s, %u samples: p_stable %.3g, dx %.3g (median %.3g), k_x %.3g, gate %.3g, other decisions %u\n", name,
-           (unsigned)g->n, worst.p_stable, worst.dx_max, worst.dx_median, worst.k_x, worst.gate,
-           (unsigned)worst.decisions);
+    printf("%s, %u samples: p_stable %.3g, dx %.3g (median %.3g), k_x %.3g, gate %.3g, p_slide %.3g, bound %.3g, other decisions %u\n",
+           name, (unsigned)g->n, worst.p_stable, worst.dx_max, worst.dx_median, worst.k_x, worst.gate, worst.p_slide,
+           worst.bound_95, (unsigned)worst.decisions);
     TEST_ASSERT_TRUE(g->n > 0);
     TEST_ASSERT_TRUE(worst.dx_excess <= 0);
     TEST_ASSERT_TRUE(worst.dx_median < 2e-6);
     TEST_ASSERT_TRUE(worst.p_stable <= 1e-5);
-    TEST_ASSERT_TRUE(worst.k_x < 1e-4);
+    TEST_ASSERT_TRUE(worst.k_x_excess <= 0);
     TEST_ASSERT_TRUE(worst.gate < 1e-3);
     TEST_ASSERT_TRUE(worst.p_slide <= 1e-5);
-    TEST_ASSERT_TRUE(worst.bound_95 <= 1e-5);
+    TEST_ASSERT_TRUE(worst.bound_excess <= 0);
     TEST_ASSERT_EQUAL_UINT32(0, worst.decisions);
 }
 

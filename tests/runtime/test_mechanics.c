@@ -96,14 +96,42 @@ static void stiffness_is_symmetric_and_work_positive(void)
     for_each_stage(check_stiffness);
 }
 
-/* residual of K_x dx = w, relative to the sizes of the terms */
+/* residual of K_x dx = share w, relative to the sizes of the terms; share: 1, or what the limits of motion leave of it */
 static double worst_residual;
+static int cut;
+
+static double size_of(const float v[3])
+{
+    return sqrt((double)v[0] * (double)v[0] + (double)v[1] * (double)v[1] + (double)v[2] * (double)v[2]);
+}
+
+static double share_of(const aminn_input_t *in, const aminn_stage_debug_t *stage)
+{
+    const double most = fmax(size_of(stage->dx) / (double)aminn_model.max_translation,
+                             size_of(stage->dx + 3) / (double)aminn_model.max_rotation);
+    double borne = 0, load = 0;
+    int i, j;
+    TEST_ASSERT_TRUE(!AMINN_N_SLIDE || most < 1 + 1e-6);
+    if (!AMINN_N_SLIDE || most < 1 - 1e-6) {
+        return 1;
+    }
+    for (i = 0; i < 6; ++i) {
+        for (j = 0; j < 6; ++j) {
+            borne += (double)in->w_e[i] * (double)stage->k_x[i][j] * (double)stage->dx[j];
+        }
+        load += (double)in->w_e[i] * (double)in->w_e[i];
+    }
+    TEST_ASSERT_TRUE(borne <= load * (1 + 1e-5));
+    ++cut;
+    return borne / load;
+}
 
 static void check_equilibrium(const aminn_input_t *in, const aminn_stage_debug_t *stage)
 {
+    const double share = share_of(in, stage);
     int i, j;
     for (i = 0; i < 6; ++i) {
-        double sum = -(double)in->w_e[i], size = fabs((double)in->w_e[i]) + 1e-12;
+        double sum = -share * (double)in->w_e[i], size = fabs(sum) + 1e-12;
         for (j = 0; j < 6; ++j) {
             const double term = (double)stage->k_x[i][j] * (double)stage->dx[j];
             sum += term;
@@ -115,10 +143,10 @@ static void check_equilibrium(const aminn_input_t *in, const aminn_stage_debug_t
 
 static void stiffness_times_displacement_is_the_load(void)
 {
-    worst_residual = 0;
+    worst_residual = cut = 0;
     for_each_stage(check_equilibrium);
-    printf("K_x dx - w over its terms: %.3g (largest)\n", worst_residual);
-    TEST_ASSERT_TRUE(worst_residual < 5e-6);
+    printf("K_x dx - w over its terms: %.3g (largest), %d motions were cut\n", worst_residual, cut);
+    TEST_ASSERT_TRUE(worst_residual < (AMINN_N_SLIDE ? 3e-5 : 5e-6)); /* slides round in both, each in its own way */
 }
 
 static void no_load_moves_nothing(void)

@@ -252,7 +252,7 @@ static void intermediates_that_are_not_the_librarys_are_found(void)
 {
     const uint32_t hc = model.contact_width, h = model.width, hd = model.classifier_width;
     const uint32_t elements =
-        421 + 2 * (197 + 52 * hc + (hc + 27) * h + (h + 1) * h + 40 * h) + 31 + (h + 17) * hd + 4 + 2 * (h + 1) + 98;
+        421 + 2 * (239 + 52 * hc + (hc + 40) * h + (h + 1) * h + 56 * h) + 49 + (h + 26) * hd + 22 + 2 * (h + 10) + 98;
     const uint32_t before = model.stages_crc, after = before ^ 0x80u;
     model.stages_crc = after;
     model.content_crc ^= crc_difference(before, after, 14 * 4 + 64 + 16 + 4 * (size_t)elements);
