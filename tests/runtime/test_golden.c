@@ -109,7 +109,8 @@ static parity_t compare(const aminn_model_t *model, const golden_t *g, int f64)
 static void assert_parity(const char *name, const aminn_model_t *model, const golden_t *g, int f64)
 {
     const parity_t worst = compare(model, g, f64);
-    printf("%s, %u samples: p_stable %.3g, dx %.3g (median %.3g), k_x %.3g, gate %.3g, p_slide %.3g, bound %.3g, other decisions %u\n",
+    printf("%s, %u samples: p_stable %.3g, dx %.3g (median %.3g), k_x %.3g, gate %.3g, p_slide %.3g, bound %.3g, other "
+           "decisions %u\n",
            name, (unsigned)g->n, worst.p_stable, worst.dx_max, worst.dx_median, worst.k_x, worst.gate, worst.p_slide,
            worst.bound_95, (unsigned)worst.decisions);
     TEST_ASSERT_TRUE(g->n > 0);
