@@ -238,19 +238,23 @@ def test_where_sensors_come_from(dataset: Dataset, tmp_path: Path) -> None:
     assert model_config(unsaid, some).sensors is False and model_config(SENSING, some).sensors is True
 
 
-def test_measured_data_with_some_sensors(dataset: Dataset, tmp_path: Path) -> None:
-    """A model learns of what there is, in the rows in which it is; of the rest a value does nothing."""
+@pytest.mark.parametrize(("layer", "heard"), [("none", {"friction"}), ("secant", {"friction", "tool_weight"})])
+def test_measured_data_with_some_sensors(dataset: Dataset, tmp_path: Path, layer: str, heard: set[str]) -> None:
+    """Networks learn of what there is, in the rows in which it is; of the rest a value does nothing to them.
+
+    What contacts that may slide carry of a weight is mechanics, which nobody has to learn.
+    """
     friction = truth(dataset)["friction"] * (np.arange(len(dataset)) % 3 > 0)[:, None]
     data = measured_data(tmp_path / "data", dataset, {"friction": friction})
     np.testing.assert_array_equal(data.samples["friction"], friction)
-    run = train(TrainConfig(epochs=2, model=SENSING), data, tmp_path / "run")
+    run = train(TrainConfig(epochs=2, model=replace(SENSING, friction=layer)), data, tmp_path / "run")
     everything = truth(dataset)
     with torch.no_grad():
         x = {k: v for k, v in data.inputs().items() if k != "friction"}
         nothing = run.model(**x)["p_stable"]
         for name, values in everything.items():
             same = torch.equal(run.model(**x, **{name: torch.tensor(values).float()})["p_stable"], nothing)
-            assert same == (name != "friction"), name
+            assert same == (name not in heard), name
 
 
 @pytest.mark.parametrize("told", [(), ("friction",)])

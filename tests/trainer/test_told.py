@@ -222,7 +222,7 @@ def test_data_that_vary_theta_make_a_told_model(varied: Dataset, told: dict[str,
     assert tables.meta["told"] is True and tables.meta["theta_names"] == list(Theta(HAND).names)
     assert len(tables.meta["theta_units"]) == SIZE and tables.meta["theta_units"][-1] == "m"
     assert tables.tensors["theta_terms"].shape == (1 + Theta(HAND).stiff, 3, 7)
-    assert tables.tensors["s1.global_mean"].shape == (HAND.dims.global_input + FACTORS,)
+    assert tables.tensors["s1.global_mean"].shape == (HAND.dims.global_input + FACTORS + HAND.dims.sensed,)
 
 
 def test_the_formula_stands_beside_the_runs_with_theta_and_without(
