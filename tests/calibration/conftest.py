@@ -23,6 +23,8 @@ from aminn_hand.theta import Theta
 
 ERROR = 0.02
 """Of the made-up motions, over their size."""
+MOTION = (0.008, 0.28)
+"""What a load may move the tool, m and rad: a model cuts motions at the bounds of a grasp that holds."""
 
 
 @pytest.fixture(scope="session")
@@ -63,6 +65,10 @@ def draw(lab_hand: Hand, predict: Predict) -> Draw:
         w_e = np.stack([draw_wrench(rng) for _ in range(pushes)])
         right = Pushes(lab_hand, **fields, w_e=w_e, dx_ht=0 * w_e, grasp_id=np.arange(pushes) % grasps)
         dx = predict(right, np.tile(theta, (pushes, 1)))
+        bounds = np.array(MOTION)
+        while (far := (np.linalg.norm(dx.reshape(-1, 2, 3), axis=2) > bounds).any(1)).any():
+            right = right.told(w_e=np.where(far[:, None], [draw_wrench(rng) for _ in far], right.w_e))
+            dx = predict(right, np.tile(theta, (pushes, 1)))
         length = np.repeat([lab_hand.length_m, 1.0], 3)
         size = np.linalg.norm(dx / length, axis=1, keepdims=True)
         right = right.told(dx_ht=dx + error * size * length * rng.normal(size=dx.shape) / 6**0.5)

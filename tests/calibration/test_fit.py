@@ -67,8 +67,11 @@ def test_slips_count_nothing(predict: Predict, draw: Draw) -> None:
 
 def test_pushes_of_one_grasp_say_less_than_of_many(predict: Predict, draw: Draw) -> None:
     errors = Errors(relative=0.01, deviation=0.1, freedom=3.0, bias={})
-    one, many = (fit(predict, draw(5, 16, grasps)[0], errors=errors) for grasps in (1, 8))
-    assert np.prod(many.sd[:13] / one.sd[:13]) < 0.2
+    shares = []
+    for seed in range(5, 9):
+        one, many = (fit(predict, draw(seed, 16, grasps)[0], errors=errors) for grasps in (1, 8))
+        shares.append(np.prod(many.sd[:13] / one.sd[:13]))
+    assert max(shares) < 0.7 and np.exp(np.mean(np.log(shares))) < 0.4
 
 
 def test_bias_widens_intervals_up_to_the_prior(predict: Predict, draw: Draw, lab_hand: Hand) -> None:

@@ -35,9 +35,10 @@ def test_reduced_study(folder: Path) -> None:
     assert all(report[f"{start}_full_work_violations"] == 0 for start in starts if "mlp" not in start)
     assert report["mistake_clean_sets"] == report["mistake_load_sign_sets"] == 2
     assert isinstance(report["aims_missed"], str)
-    assert json.loads(json.dumps(report)) == report
+    text = json.dumps(report)  # NaN, where no grasp of so few slid, is not equal to itself
+    assert json.dumps(json.loads(text)) == text
     again = study(folder, TINY, 1, lambda line: None)
-    assert again == report
+    assert json.dumps(again) == text
 
 
 def test_aims_are_named_where_they_are_missed(folder: Path) -> None:
