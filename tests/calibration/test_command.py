@@ -41,7 +41,7 @@ def run(tmp_path_factory: pytest.TempPathFactory, model: Aminn) -> Path:
 def table(pushes: Pushes, file: Path) -> Path:
     """The pushes as a lab tells them. Small loads, so that no column is out of its range."""
     arrays = {name: np.array(getattr(pushes, name)) for name in FIELDS} | {"grasp_id": pushes.grasp_id}
-    small = 0.01
+    small = 0.05
     write_table(file, pushes.hand, arrays | {"w_e": small * arrays["w_e"], "dx_ht": small * arrays["dx_ht"]})
     return file
 
