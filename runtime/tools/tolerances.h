@@ -9,12 +9,12 @@
 /* clang-format off */
 #define TOLERANCES(X) \
     X(p_stable, 5e-07, 1e-05, 2e-09, 0, 5e-05, 0.3) \
-    X(dx_ht, 1e-09, 4e-05, 8e-09, 0, 0, 0.03) \
+    X(dx_ht, 1e-09, 4e-05, 8e-09, 0, 5e-05, 0.03) \
     X(k_x, 0, 4e-06, 0, 4e-05, 0.001, 0.15) \
     X(gate, 5e-07, 4e-05, 0, 0.004, 0, 0.4) \
     X(p_slide, 5e-07, 1e-05, 2e-09, 0, 0.0001, 0.3) \
     X(bound_95, 0, 1e-05, 2e-09, 0, 0.0001, 0.3) \
-    X(friction_use, 5e-07, 4e-05, 8e-09, 0, 0.0001, 0.3)
+    X(friction_use, 5e-07, 4e-05, 8e-09, 0.004, 0.0001, 0.3)
 /* clang-format on */
 
 #endif

@@ -50,7 +50,7 @@ def test_standard_operators_only_and_few(exported: RandomModel) -> None:
     model = build_onnx(exported)
     assert [(o.domain, o.version) for o in model.opset_import] == [("", 18)]
     assert {n.domain for n in model.graph.node} == {""}
-    assert len(model.graph.node) < 275
+    assert len(model.graph.node) < (700 if HAND.slides else 275)
     onnx.shape_inference.infer_shapes(model, check_type=True, strict_mode=True)
 
 
@@ -183,8 +183,8 @@ def test_branch_out_of_contact_has_no_influence(exported: RandomModel) -> None:
 
 def test_stiffness_is_the_dense_form_of_the_paper(exported: RandomModel) -> None:
     x = random_inputs(50, 10)
-    out = _run(exported, x, debug=True)
-    meta = exported.meta
+    meta = exported.meta | {"friction_nominal": 1e6}  # so that nothing slides
+    out = _run(replace(exported, meta=meta), x, debug=True)
     for i, stage in enumerate(("s1", "s2")):
         values = {k: torch.as_tensor(out[f"{stage}_{k}"], dtype=torch.float64) for k in HAND.debug}
         d, engaged = values["tendon_dir"], values["tendon_gain"] * values["gate"]

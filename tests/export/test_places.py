@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
+from runtime_models import SLIDES
 
 from aminn_app.cli import main
 from aminn_base.errors import AminnError, InUseError, WriteError
@@ -133,14 +134,14 @@ HEADER = """/* a hand */
 #define AMINN_N_TWIST 0
 #define AMINN_N_STIFF {stiff}
 #define AMINN_N_TENDON 6
-#define AMINN_N_SLIDE 0
+#define AMINN_N_SLIDE {slides:d}
 """
 
 
 def _header(folder: Path, name: str, branches: int, gated: int, stiff: int = 10) -> Path:
     folder.mkdir()
     file = folder / "aminn_hand.h"
-    file.write_text(HEADER.format(name=name, branches=branches, gated=gated, stiff=stiff))
+    file.write_text(HEADER.format(name=name, branches=branches, gated=gated, stiff=stiff, slides=SLIDES))
     return file
 
 

@@ -65,25 +65,24 @@ int learn(const void *blob, size_t size, const float *first, const float *pushes
 
 
 @pytest.fixture(scope="module")
-def library(build_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
-    folder = tmp_path_factory.mktemp("recursion")
-    (folder / "shim.c").write_text(SHIM)
-    archive = next(build_dir.rglob("libaminn_rt.a"))
-    command = ["cc", "-std=c99", "-shared", "-fPIC", f"-I{RUNTIME / 'include'}", "shim.c", str(archive), "-lm"]
-    subprocess.run([*command, "-o", "shim.so"], check=True, capture_output=True, cwd=folder)
-    return ctypes.CDLL(str(folder / "shim.so"))
+def library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
+    """The runtime of models whose contacts stick: the oracle's slopes are exact of these."""
+    return compiled(tmp_path_factory.mktemp("sticking"), slides=False)
 
 
 @pytest.fixture(scope="module")
 def sliding_library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
-    """The runtime of models whose contacts slide."""
-    folder = tmp_path_factory.mktemp("sliding")
+    return compiled(tmp_path_factory.mktemp("sliding"), slides=True)
+
+
+def compiled(folder: Path, slides: bool) -> ctypes.CDLL:
+    """The runtime of models whose contacts slide, or stick."""
     (folder / "shim.c").write_text(SHIM)
-    header = write_hand_header(random_model(HAND, slides=True, sensing=True), folder)
+    header = write_hand_header(random_model(HAND, slides=slides, sensing=slides), folder)
     flags = [f'-DAMINN_HAND_HEADER="{header}"', f"-I{RUNTIME / 'include'}", "-fPIC", "-O1", "-ffp-contract=off"]
     shim = ["cc", "-std=c99", *flags, "-c", "shim.c"]
     sources = map(str, sorted((RUNTIME / "src").glob("*.cpp")))
-    alone = ["-shared", "-fno-gnu-unique", "-Wl,-Bsymbolic"]  # beside the library of the hand whose contacts stick
+    alone = ["-shared", "-fno-gnu-unique", "-Wl,-Bsymbolic"]  # beside each other
     whole = ["c++", "-std=c++17", *flags, *alone, "shim.o", *sources, "-o", "shim.so"]
     for command in (shim, whole):
         subprocess.run(command, check=True, capture_output=True, cwd=folder)
@@ -131,7 +130,7 @@ def pushes(model, n: int, theta: NDArray) -> tuple[dict[str, NDArray], NDArray]:
 
 @pytest.mark.parametrize("told", [False, True])
 def test_the_runtime_learns_what_the_oracle_learns(library: ctypes.CDLL, told: bool, trust: dict) -> None:
-    model, rng = random_model(HAND, told=told), np.random.default_rng(3)
+    model, rng = random_model(HAND, told=told, slides=False), np.random.default_rng(3)
     start, truth = np.zeros(P), np.zeros(P)
     start[F:] = rng.uniform(-1, 1, P - F) * ([0.02] * (P - F - 1) + [0.001])
     truth[:F], truth[F:] = rng.uniform(-0.4, 0.4, F), start[F:]
@@ -177,7 +176,7 @@ def test_the_runtime_narrows_friction_as_the_oracle_does(sliding_library: ctypes
 @pytest.mark.parametrize(("corrected", "median", "most"), [(False, 0.02, 0.2), (True, 0.2, 1.0)])
 def test_slopes_are_those_of_the_statics(corrected: bool, median: float, most: float) -> None:
     """Without a correction by the head they leave out the gates' own change alone; a random one is larger than any."""
-    model = random_model(HAND)
+    model = random_model(HAND, slides=False)
     if not corrected:
         zeros = {k: np.zeros_like(v) for k, v in model.tensors.items() if k.startswith("s2.head")}
         model = replace(model, tensors=model.tensors | zeros)
@@ -196,7 +195,7 @@ def test_slopes_are_those_of_the_statics(corrected: bool, median: float, most: f
 
 
 def test_pushes_bring_the_oracle_to_the_truth() -> None:
-    model, truth = random_model(HAND), np.zeros(P)
+    model, truth = random_model(HAND, slides=False), np.zeros(P)
     truth[:F] = np.random.default_rng(4).uniform(-0.4, 0.4, F)
     states, dx = pushes(model, 60, truth)
     oracle = Recursion(model, settings=Settings(noise_m=1e-6, model_share=0.01))

@@ -25,12 +25,15 @@ MADE_UP = HANDS | {f"soft {name}": replace(HANDS[name], contact=SOFT) for name i
 
 def _largest_difference(of: Hand, config: ModelConfig, x: dict[str, np.ndarray], folder: Path) -> float:
     """Of all outputs of a random model of a hand, over the size of the output."""
+    x = {k: v.astype(np.float64) for k, v in x.items()}
+    normal = x["contacts"][..., 4:7]  # of length one in float64: one takes the tangent once, the other twice
+    normal /= np.linalg.norm(normal, axis=-1, keepdims=True) + 1e-300
     torch.manual_seed(0)
     model = Aminn(config, of)
     for parameter in model.parameters():
         torch.nn.init.normal_(parameter, std=0.15)
-    model.stage1.fit_normalisers({k: torch.as_tensor(v) for k, v in x.items()})
-    model.stage2.fit_normalisers({k: torch.as_tensor(v) for k, v in x.items()})
+    model.stage1.fit_normalisers({k: torch.as_tensor(v, dtype=torch.float32) for k, v in x.items()})
+    model.stage2.fit_normalisers({k: torch.as_tensor(v, dtype=torch.float32) for k, v in x.items()})
     save_checkpoint(folder, model, {"tau": 0.5})
     checkpoint = load_checkpoint(folder)
     ours = Reference(export_tables(checkpoint))(x)
@@ -64,7 +67,7 @@ def test_oracle_equals_the_trainers_model_of_any_hand(name: str, tmp_path: Path)
     rows = [draw_inputs(rng, MADE_UP[name]) | {"w_e": draw_wrench(rng)} for _ in range(30)]
     x = {k: np.stack([r[k] for r in rows]).astype(np.float32) for k in rows[0]}
     x["contacts"][::4, 0, 0] = 0
-    assert _largest_difference(MADE_UP[name], ModelConfig(), x, tmp_path) < 1e-6
+    assert _largest_difference(MADE_UP[name], ModelConfig(), x, tmp_path) < 1e-5
 
 
 @pytest.mark.parametrize("told", [False, True])
@@ -72,7 +75,7 @@ def test_oracle_equals_the_trainers_model_of_any_hand(name: str, tmp_path: Path)
 def test_oracle_equals_the_trainers_model_where_contacts_slide(name: str, told: bool, tmp_path: Path) -> None:
     """And sensors say something of most states; one branch lets go, another fades.
 
-    Normals are unit vectors in single precision alone, and a slide that has just begun doubles what that changes.
+    A slide that has just begun doubles what rounding changes, and three steps do so three times.
     """
     rng, of = np.random.default_rng(3), MADE_UP[name]
     rows = [draw_inputs(rng, of) | {"w_e": draw_wrench(rng)} for _ in range(30)]
@@ -81,4 +84,4 @@ def test_oracle_equals_the_trainers_model_where_contacts_slide(name: str, told: 
     config = replace(ModelConfig(), friction="secant", sensors=told)
     if told:
         x |= random_sensors(of.dims, 30, 4)
-    assert _largest_difference(of, config, x, tmp_path) < 1e-4
+    assert _largest_difference(of, config, x, tmp_path) < 5e-5
