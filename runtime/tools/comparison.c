@@ -388,7 +388,7 @@ static void judge_doubt(verdict_t *verdict, sample_t *s, const aminn_model_t *mo
 {
     const int word = first_word[BOUND_95];
     const double own = bound_factor(model, s->got), factor = bound_factor(model, s->want);
-    const double want = (double)s->want[word] / factor, limit = limit_of(s, BOUND_95, want);
+    const double want = (double)s->want[word] / factor, limit = limit_of(s, BOUND_95, fmax(want, 0));
     const double difference = sound(fabs((double)s->got[word] / own - want)), share = share_of(difference, limit);
     judge_word(verdict, s, P_SLIDE, -1, 1, limit_of(s, P_SLIDE, steepness((double)s->want[first_word[P_SLIDE]])), 1);
     verdict->largest[BOUND_95] = fmax(verdict->largest[BOUND_95], share_of(difference, want));
@@ -406,7 +406,7 @@ static void judge_sample(verdict_t *verdict, sample_t *s, const aminn_model_t *m
     judge_decision(verdict, s, p_limit, model->tau);
     for (c = 0; c < N_USE; ++c) {
         const double use = (double)s->want[first_word[FRICTION_USE] + c];
-        judge_word(verdict, s, FRICTION_USE, c, 1, limit_of(s, FRICTION_USE, use), 1);
+        judge_word(verdict, s, FRICTION_USE, c, 1, limit_of(s, FRICTION_USE, fmax(use, 0)), 1);
     }
     s->absent = on_demand && s->got[first_word[STABLE]] == 0.0F;
     if (s->absent) {

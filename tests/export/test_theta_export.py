@@ -86,7 +86,7 @@ def test_the_graph_follows_theta(name: str) -> None:
     for given in (x | {"theta": theta}, x, x | {"theta": theta[:1]}):
         found, wanted = dict(zip(names, session.run(names, given), strict=True)), exact(given)
         for output in ("dx_ht", "k_x", "s1_k_spring", "s2_k_spring"):
-            assert relative(found[output], wanted[output]) < 2e-5, output
+            assert relative(found[output], wanted[output]) < 2e-4, output
         assert np.abs(found["p_stable"] - wanted["p_stable"]).max() < 1e-5
     zeros = session.run(names, x | {"theta": 0 * theta})
     nominal = session.run(names, x)
@@ -155,8 +155,8 @@ def test_theta_in_c_is_another_hand(build_dir: Path, tmp_path: Path) -> None:
     assert found.status.tolist() == [E_CALIBRATION * (i == 5) for i in range(N)]
     assert runtime().status_name(E_CALIBRATION) == "AMINN_E_CALIBRATION"
     assert np.isnan(found.outputs["dx_ht"][5]).all() and found.outputs["p_stable"][5] == 0
-    assert relative(found.outputs["dx_ht"][good], exact["dx_ht"][good]) < 1e-5
-    assert relative(found.outputs["dx_ht"][good], other.outputs["dx_ht"][good]) < 1e-5
+    assert relative(found.outputs["dx_ht"][good], exact["dx_ht"][good]) < 3e-5
+    assert relative(found.outputs["dx_ht"][good], other.outputs["dx_ht"][good]) < 3e-5
 
 
 def test_the_files_say_what_a_model_is_told(told_dir: Path) -> None:

@@ -47,8 +47,8 @@ TOLERANCES = {
     "dx_ht": Tolerance("abs(dx_ht)", 1e-9, 4e-5, 8e-9, 0.0, 5e-5, 0.03),
     "k_x": Tolerance("its largest entry", 0.0, 4e-6, 0.0, 4e-5, 1e-3, 0.15),
     "gate": Tolerance("g (1 - g)", 5e-7, 4e-5, 0.0, 4e-3, 0.0, 0.4),
-    "p_slide": Tolerance("p (1 - p)", 5e-7, 1e-5, 2e-9, 0.0, 1e-4, 0.3),
-    "bound_95": Tolerance("bound_95 over its bin's factor", 0.0, 1e-5, 2e-9, 0.0, 1e-4, 0.3),
+    "p_slide": Tolerance("p (1 - p)", 5e-7, 1e-5, 2e-9, 4e-3, 1e-4, 0.3),
+    "bound_95": Tolerance("bound_95 over its bin's factor", 0.0, 1e-5, 2e-9, 4e-3, 1e-4, 0.3),
     "friction_use": Tolerance("friction_use", 5e-7, 4e-5, 8e-9, 4e-3, 1e-4, 0.3),
 }
 

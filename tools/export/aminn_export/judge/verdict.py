@@ -165,7 +165,7 @@ class _Within:
         }
         self.factor = [bins.factor(of["p_slide"][:, 0])[:, None] for of in (self.got, self.want)]
         self.size = np.linalg.norm(self.want["dx_ht"] * motion, axis=1)
-        self.use = self.want["friction_use"].max(1)
+        self.use = self.want["friction_use"].max(1, initial=0.0)
         self.condition = known_condition(self.want["k_x"].reshape(n, 6, 6), length)
         self.failures: list[Failure] = []
         self.shares: dict[str, Array] = {}
@@ -298,9 +298,9 @@ def compare_within(
         w.symmetry()
     gate = w.words("gate", steepness["gate"])
     p_slide = w.words("p_slide", steepness["p_slide"])
-    bound = w.want["bound_95"] / w.factor[1]
+    bound = np.maximum(w.want["bound_95"] / w.factor[1], 0)
     bound_difference = w.words("bound_95", bound)
-    use = w.words("friction_use", w.want["friction_use"])
+    use = w.words("friction_use", np.maximum(w.want["friction_use"], 0))
     w.medians()
     for i in np.flatnonzero(got.status != 0):
         w.failures.append(Failure(target, "status", int(i), float(got.status[i]), 0.0, 0.0, np.inf, names(int(i))))
