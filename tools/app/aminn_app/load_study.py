@@ -45,15 +45,17 @@ VERSION = 1
 class Scale:
     """How much of everything."""
 
-    validation_grasps: int = 400
-    test_grasps: int = 1000
+    validation_grasps: int = 600
+    test_grasps: int = 1750
+    """Of which 1000 are like those of `make paper`'s training."""
     halvings: int = 7
     """Of the interval that a grasp's true capacity lies in."""
     chunk: int = 50
     """Grasps of one record."""
 
 
-SEEDS = {"validation": 1801, "test": 1802}
+SEEDS = {"validation": 1801, "test": 1803}
+"""How limits are chosen was settled with grasps of 1802 in view: they are no test any more."""
 BOUNDS = (2e-3, 0.1)
 """Translation (m) and rotation (rad) that a load may cause: what 19 of 20 stable motions stay below, slips seldom."""
 KINDS = ("force", "moment", "point")
