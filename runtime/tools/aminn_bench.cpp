@@ -3,8 +3,8 @@
  *
  *   aminn_bench MODEL.bin VECTORS.bin ROUNDS ONNXRUNTIME.so AMINN.onnx MLP.onnx
  *
- * Compiled for the widths of one model (-DHC= -DH= -DHD=), so that Eigen knows the sizes. Every round times each subject on
- * samples of the vector file, one call a sample, one thread; the subjects take turns, so that a change of clock rate or
+ * Compiled for the widths of one model (-DHC= -DTRUNK= -DH= -DHD=; TRUNK: inputs of the trunk), so that Eigen knows the
+ * sizes. Every round times each subject on samples of the vector file, one call a sample, one thread; the subjects take turns, so that a change of clock rate or
  * a busy machine meets all of them. Prints one JSON object with, for each subject, the median and the least of its times in
  * a round (microseconds a call), and the medians of the ratios within a round. Exits with 1 and a message on a bad file.
  */
@@ -120,23 +120,22 @@ class OnnxRuntime {
 
 // --- subjects -----------------------------------------------------------------------------------------------------
 
-const aminn_input_t *samples;
+const float *samples;
 size_t n_samples;
+size_t sample_step; // theirs, and that of sensors behind them, which are not told to anyone
+
+const float *sample(size_t i)
+{
+    return samples + i * sample_step;
+}
 
 struct Products {
     int in, out;
 };
 constexpr int kBackbone = 4;
-constexpr Products kProducts[] = {{AMINN_N_CONTACT_INPUT, HC},
-                                  {HC + AMINN_N_GLOBAL_INPUT, H},
-                                  {H, H},
-                                  {H, AMINN_N_HEAD},
-                                  {AMINN_N_CONTACT_INPUT, HC},
-                                  {HC + AMINN_N_GLOBAL_INPUT, H},
-                                  {H, H},
-                                  {H, AMINN_N_HEAD},
-                                  {H + AMINN_N_AUX, HD},
-                                  {HD, 1}};
+constexpr Products kProducts[] = {{AMINN_N_CONTACT_INPUT, HC}, {TRUNK, H}, {H, H}, {H, AMINN_N_HEAD},
+                                  {AMINN_N_CONTACT_INPUT, HC}, {TRUNK, H}, {H, H}, {H, AMINN_N_HEAD},
+                                  {H + AMINN_N_AUX, HD},       {HD, 1}};
 constexpr int kCount = sizeof kProducts / sizeof kProducts[0];
 alignas(64) float x[256];
 alignas(64) float y[256];
@@ -155,7 +154,7 @@ void eigen_fixed(size_t)
 {
     for (int stage = 0; stage < AMINN_N_STAGE; ++stage) {
         eigen_product<AMINN_N_CONTACT_INPUT, HC>(kBackbone * stage);
-        eigen_product<HC + AMINN_N_GLOBAL_INPUT, H>(kBackbone * stage + 1);
+        eigen_product<TRUNK, H>(kBackbone * stage + 1);
         eigen_product<H, H>(kBackbone * stage + 2);
         eigen_product<H, AMINN_N_HEAD>(kBackbone * stage + 3);
     }
@@ -205,20 +204,20 @@ void check(aminn_status_t status)
 
 void predict_both(size_t i)
 {
-    std::memcpy(&in, samples + i, sizeof in);
+    std::memcpy(&in, sample(i), sizeof in);
     check(aminn_predict(&both, &in, &out));
 }
 
 void predict_gated(size_t i)
 {
-    std::memcpy(&in, samples + i, sizeof in);
+    std::memcpy(&in, sample(i), sizeof in);
     check(aminn_predict(&gated, &in, &out));
 }
 
 void predict_state(size_t i)
 {
     aminn_state_t state;
-    std::memcpy(&state, samples + i, sizeof state);
+    std::memcpy(&state, sample(i), sizeof state);
     check(aminn_predict_state(&both, &state, &out));
 }
 
@@ -234,13 +233,13 @@ float graph_output[VECTOR_N_OUT];
 
 void onnx_aminn(size_t i)
 {
-    std::memcpy(&graph_input, samples + i, sizeof graph_input);
+    std::memcpy(&graph_input, sample(i), sizeof graph_input);
     ort->run(aminn_graph.session, aminn_graph.in_names, aminn_graph.inputs, aminn_graph.out_names, aminn_graph.outputs);
 }
 
 void onnx_mlp(size_t i)
 {
-    std::memcpy(&graph_input, samples + i, sizeof graph_input);
+    std::memcpy(&graph_input, sample(i), sizeof graph_input);
     ort->run(mlp_graph.session, mlp_graph.in_names, mlp_graph.inputs, mlp_graph.out_names, mlp_graph.outputs);
 }
 
@@ -358,8 +357,9 @@ int main(int argc, char **argv)
             model.classifier_width);
     }
     const vector_header_t *vectors = open_vectors(argv[2]);
-    samples = reinterpret_cast<const aminn_input_t *>(vectors + 1);
+    samples = reinterpret_cast<const float *>(vectors + 1);
     n_samples = vectors->n;
+    sample_step = vector_sample(vectors);
     if (n_samples == 0) {
         die("%s: no samples", argv[2]);
     }

@@ -8,11 +8,12 @@ from pathlib import Path
 
 import onnx
 import pytest
-from runtime_models import RandomModel, random_inputs
+from runtime_models import RandomModel
 
 from aminn_export.judge.bench import ROWS, bench, describe_cpu, format_bench, parameters, plain_mlp
-from aminn_export.samples.golden import run_onnx, single_thread_session
-from aminn_export.samples.vectors import write_vectors
+from aminn_export.samples.golden import GOLDEN_FILE
+
+GOLDEN = Path(__file__).resolve().parents[1] / "golden"
 
 
 def test_the_mlp_has_as_many_parameters(exported: RandomModel) -> None:
@@ -43,12 +44,11 @@ def test_a_processor_without_these_fields_is_named_by_its_architecture() -> None
     or not shutil.which("g++"),
     reason="no OpenBLAS or Eigen here: make bench installs them",
 )
-def test_bench_reports_all_subjects(export_dir: Path, build_dir: Path, tmp_path: Path) -> None:
-    x = random_inputs(16, 1)
-    write_vectors(tmp_path / "v.bin", x, run_onnx(single_thread_session(export_dir / "aminn.onnx"), x))
-    report = bench(export_dir, tmp_path / "v.bin", build_dir, rounds=5)
+def test_bench_reports_all_subjects(build_dir: Path) -> None:
+    """Of the reference model, whose vectors have sensors."""
+    report = bench(GOLDEN, GOLDEN / GOLDEN_FILE, build_dir, rounds=5)
     print(format_bench(report))
-    assert report["samples"] == 16
+    assert report["samples"] == 200
     for _, name in ROWS:
         assert 0 < report[f"{name}_us_min"] <= report[f"{name}_us"]
     assert report["floor"] in {name for _, name in ROWS[:4]}

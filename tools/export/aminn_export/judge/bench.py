@@ -95,13 +95,15 @@ def onnxruntime_library() -> Path:
 def compile_bench(model: BinModel, place: RuntimePlace, library: Path, program: Path, march: str) -> None:
     """Compile the timing program for the model's widths and hand, against a built library, its products for `march`."""
     widths = {"HC": "contact_width", "H": "width", "HD": "classifier_width"}
+    sizes = {name: model.meta[key] for name, key in widths.items()}
+    sizes["TRUNK"] = model.tensors["s1.trunk1_w"].shape[1]  # contact summary, global input, what networks are told
     include = [*place.flags, f"-I{place.sources}", "-isystem", "/usr/include/eigen3"]
     run(
         ["gcc", "-std=c99", "-O2", *include, "-c", str(place.sources / "host_file.c"), "-o", f"{program}.o"],
         "compiling",
     )
     command = ["g++", "-std=c++17", "-O3", f"-march={march}", *WARNINGS, *include]
-    command += [f"-D{name}={model.meta[key]}" for name, key in widths.items()]
+    command += [f"-D{name}={size}" for name, size in sizes.items()]
     command += [str(place.sources / "aminn_bench.cpp"), f"{program}.o", str(library)]
     run([*command, "-lopenblas", "-ldl", "-lm", "-o", str(program)], "compiling aminn_bench")
 
