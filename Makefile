@@ -111,7 +111,7 @@ golden: demo ## all of tests/golden anew: the demo's model, and the small models
 	@echo "Reference models: tests/golden"
 
 .PHONY: bench
-bench: setup-python setup-host $(STAMPS)/apt-bench ## time of one prediction beside its own matrix products and ONNX Runtime
+bench: setup-python setup-host $(STAMPS)/apt-bench ## time of a prediction beside its own matrix products and ONNX Runtime; batches on two cores
 	@$(PYTHON) -m aminn_export.judge.bench --model tests/golden --build $(HOST) --json $(REPORTS)/bench.json
 
 .PHONY: fidelity
@@ -136,7 +136,7 @@ size: firmware $(STAMPS)/firmware-mps2-an386 $(STAMPS)/firmware-mps2-an505 ## te
 	  cortex_m7=$(FIRMWARE):$(REPORTS)/firmware.json cortex_m33=$(FIRMWARE)-mps2-an505:$(FIRMWARE)-mps2-an505/firmware.json
 
 .PHONY: coverage
-coverage: $(STAMPS)/unity $(STAMPS)/apt-check ## lines and branches of runtime/src that the C tests reach
+coverage: $(STAMPS)/unity $(STAMPS)/apt-check ## lines and branches of runtime/src and runtime/host that the C tests reach
 	@tools/setup/coverage.sh $(BUILD)/coverage $(REPORTS)
 
 .PHONY: check
@@ -198,7 +198,7 @@ consumers: setup-python $(STAMPS)/apt-fuzz ## the ONNX model in OpenVINO, IREE, 
 	@echo "As documented. Report: $(REPORTS)/consumers.json"
 
 .PHONY: install
-install: setup-host ## the C library, header, CMake package and aminn_rt.pc (PREFIX=/usr/local)
+install: setup-host ## the C libraries, headers, CMake package and .pc files (PREFIX=/usr/local)
 	@cmake --install $(HOST) --prefix '$(PREFIX)' >$(BUILD)/logs/install.log || { cat $(BUILD)/logs/install.log; exit 1; }
 	@echo "Installed in $(PREFIX); files: $(HOST)/install_manifest.txt"
 

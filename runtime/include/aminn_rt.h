@@ -75,6 +75,7 @@
  *     contexts may, also with the same model. To predict in an interrupt handler and in the background, give each its
  *     own context.
  *   - All other functions are reentrant.
+ *   - Many predictions at once, on all cores of a host: aminn_batch.h, in a library of its own.
  *   - Nothing blocks, waits or disables interrupts. There is no iteration: run time does not depend on the input's
  *     values, except that stage 2 is skipped when the grasp is predicted not to hold (see AMINN_FLAG_ALWAYS_STAGE2),
  *     that a rejected input returns early. So the worst case is one prediction with both stages.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import re
+import sys
 import threading
 from pathlib import Path
 
@@ -76,6 +77,37 @@ def test_the_number_of_threads_changes_no_bit(model: Model, states: States) -> N
     assert (one.status != 0).sum() == 144
     for threads in (0, 2, 3, 7, 64):
         same(model.predict(**many, threads=threads), one)
+
+
+def test_other_threads_of_python_run_meanwhile(model: Model, states: States, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where the lock is not handed over by time, another thread comes in only if the call lets it go."""
+    many = {name: np.resize(values, (30_000, *values.shape[1:])) for name, values in states.items()}
+    library = runtime_for(model.dims)._c
+    call, interval = library.aminn_predict_batch, sys.getswitchinterval()
+    started, finished = threading.Event(), threading.Event()
+
+    def watched(*arguments: object) -> int:
+        started.set()
+        status = int(call(*arguments))
+        finished.set()
+        return status
+
+    def came_in_between() -> bool:
+        started.clear()
+        finished.clear()
+        thread = threading.Thread(target=model.predict, kwargs=many)
+        thread.start()
+        started.wait()
+        meanwhile = not finished.is_set()
+        thread.join()
+        return meanwhile
+
+    monkeypatch.setattr(library, "aminn_predict_batch", watched)
+    sys.setswitchinterval(1e6)
+    try:
+        assert any(came_in_between() for _ in range(5))  # a busy machine may let this thread wait for long
+    finally:
+        sys.setswitchinterval(interval)
 
 
 def test_batches_of_any_size_are_parts_of_the_whole(model: Model, states: States) -> None:

@@ -54,8 +54,11 @@ def test_bench_reports_all_subjects(build_dir: Path) -> None:
     assert report["floor"] in {name for _, name in ROWS[:4]}
     assert report["onnx_nodes"] > 0
     assert report["batch_rows"] == 10_000 and report["batch_threads"] == 2
-    for name in ("runtime", "runtime_and_closure", "runtime_one_thread", "onnx"):
+    ways = [f"onnx_{name}" for name in ("at_once", "in_chunks", "a_session_a_thread", "single_samples")]
+    for name in ("runtime", "runtime_and_closure", "runtime_one_thread", *ways):
         assert report[f"batch_{name}_per_s"] > 0
+    assert report["batch_onnx_per_s"] == max(report[f"batch_{name}_per_s"] for name in ways)
+    assert report["batch_runtime_to_onnx_ratio"] > 0
     with_avx512 = report["vector_registers"] == "AVX-512"
     assert with_avx512 == ("avx2_floor_us" in report)
     if with_avx512:

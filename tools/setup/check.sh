@@ -6,17 +6,19 @@ cd "$(dirname "$0")/../.."
 build=$1 reports=$2
 mkdir -p "$build" "$reports"
 declare -A findings
-sources=(runtime/src/*.cpp)
+sources=(runtime/src/*.cpp runtime/host/*.cpp)
 core=(-std=c++17 -Iruntime/include -Iruntime/src -fno-exceptions -fno-rtti)
 
-# Builds the Unity tests with some flags and runs each program, under $2 if given; counts the programs that fail.
+# Builds the Unity tests with some flags and runs each program, under $2 if given; counts the programs that fail. Of one test
+# alone, if it is given as $4.
 run_tests() {
-  local name=$1 wrapper=$2 flags=$3 failed=0 program
+  local name=$1 wrapper=$2 flags=$3 only=${4:-} failed=0 program
   tools/setup/quiet.sh "$build/$name-configure.log" cmake -S . -B "$build/$name" -G Ninja -DCMAKE_BUILD_TYPE=Debug \
     -DAMINN_BUILD_TESTING=ON -DAMINN_RT_DISPATCH=OFF "-DCMAKE_C_FLAGS=$flags" "-DCMAKE_CXX_FLAGS=$flags" &&
-    tools/setup/quiet.sh "$build/$name-build.log" cmake --build "$build/$name" --parallel "$(nproc)" || return 1
+    tools/setup/quiet.sh "$build/$name-build.log" cmake --build "$build/$name" --parallel "$(nproc)" \
+      --target "${only:-all}" || return 1
   : >"$build/$name.log"
-  for program in "$build/$name"/tests/runtime/test_*; do
+  for program in "$build/$name"/tests/runtime/${only:-test_*}; do
     [[ -f $program && -x $program ]] || continue
     $wrapper "$program" >>"$build/$name.log" 2>&1 || failed=$((failed + 1))
   done
@@ -25,6 +27,7 @@ run_tests() {
 
 run_tests asan_ubsan "" "-O1 -g -fsanitize=address,undefined -fno-sanitize-recover=all"
 run_tests asan_ubsan_scalar "" "-O1 -g -fsanitize=address,undefined -fno-sanitize-recover=all -DAMINN_RT_SCALAR"
+run_tests tsan "" "-O1 -g -fsanitize=thread" test_batch
 run_tests valgrind "valgrind --quiet --error-exitcode=9 --leak-check=full --errors-for-leak-kinds=definite" "-O1 -g"
 
 clang-tidy --quiet --warnings-as-errors='' "${sources[@]}" -- "${core[@]}" >"$build/clang-tidy.log" 2>"$build/clang-tidy.err"
@@ -53,6 +56,6 @@ status=0
   printf '\n}\n'
 } >"$reports/check.json"
 cat "$reports/check.json"
-[[ ${#findings[@]} -eq 6 ]] || { echo "A check could not run; logs: $build" >&2; status=1; }
+[[ ${#findings[@]} -eq 7 ]] || { echo "A check could not run; logs: $build" >&2; status=1; }
 [[ $status -eq 0 ]] || echo "Findings: $build/*.log" >&2
 exit $status

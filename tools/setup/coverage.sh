@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # coverage.sh BUILD REPORTS: builds the runtime with gcov in both of its forms (vector registers, and one number after the
-# other), runs the Unity tests, and writes what of runtime/src they reach: REPORTS/coverage.json and pages beside it.
-# Fails below 100 % of lines or branches.
+# other), runs the Unity tests, and writes what of runtime/src and runtime/host they reach: REPORTS/coverage.json and pages
+# beside it. Fails below 100 % of lines or branches.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 build=$1 reports=$2
@@ -15,7 +15,7 @@ for form in lanes scalar; do
   find "$build/$form" -name '*.gcda' -delete
   tools/setup/quiet.sh "$build/$form-tests.log" ctest --test-dir "$build/$form" --output-on-failure \
     --exclude-regex 'install|max_width|no_heap|subproject|hand_build' --parallel "$(nproc)"
-  gcovr --root . --filter 'runtime/src/' --exclude-throw-branches --exclude-unreachable-branches \
+  gcovr --root . --filter 'runtime/(src|host)/' --exclude-throw-branches --exclude-unreachable-branches \
     --json "$build/$form.json" --json-summary "$build/$form-summary.json" --html-details "$reports/coverage-$form.html" \
     "$build/$form" >/dev/null
 done

@@ -50,11 +50,19 @@ Codes = NDArray[np.int32]
 
 
 class _Rows(ctypes.Structure):
+    """`aminn_rows_t`."""
+
     _fields_ = (("first", ctypes.c_void_p), ("step", ctypes.c_size_t))
 
 
-class _Inputs(ctypes.Structure):
-    _fields_ = tuple((name, _Rows) for name in (*INPUTS, THETA, *UNITS))
+class _Batch(ctypes.Structure):
+    """`aminn_batch_t`."""
+
+    _fields_ = (
+        ("begin", ctypes.c_size_t),
+        ("n", ctypes.c_size_t),
+        *((name, _Rows) for name in (*INPUTS, THETA, *UNITS)),
+    )
 
 
 class LoadLimits(ctypes.Structure):
@@ -89,14 +97,15 @@ class Library:
             raise AminnError(f"the compiled runtime cannot be loaded ({error}); install the package again") from error
         handle, size, text = ctypes.c_void_p, ctypes.c_size_t, ctypes.c_char_p
         uint, status = ctypes.c_uint, ctypes.POINTER(ctypes.c_int32)
-        inputs, rows, limits = (ctypes.POINTER(kind) for kind in (_Inputs, _Rows, LoadLimits))
+        batch, limits = (ctypes.POINTER(kind) for kind in (_Batch, LoadLimits))
         for name, result, arguments in (
-            ("aminn_batch_open", handle, (text, size, ctypes.c_uint32, status)),
-            ("aminn_batch_close", None, (handle,)),
-            ("aminn_batch_predict", None, (handle, inputs, size, uint, handle, handle, handle)),
-            ("aminn_batch_admissible", None, (handle, inputs, rows, limits, size, uint, handle, handle)),
-            ("aminn_batch_ranges", None, (handle, handle, handle)),
-            ("aminn_batch_self_test", ctypes.c_int32, (handle,)),
+            ("aminn_open", handle, (text, size, ctypes.c_uint32, status)),
+            ("aminn_close", None, (handle,)),
+            ("aminn_opened_context", handle, (handle,)),
+            ("aminn_opened_ranges", None, (handle, handle, handle)),
+            ("aminn_opened_self_test", ctypes.c_int32, (handle,)),
+            ("aminn_predict_batch", ctypes.c_int32, (handle, batch, uint, handle, handle, handle, handle)),
+            ("aminn_admissible_batch", ctypes.c_int32, (handle, batch, _Rows, limits, uint, handle, handle, handle)),
             ("aminn_status_name", text, (ctypes.c_int,)),
             ("aminn_status_text", text, (ctypes.c_int,)),
             ("aminn_field_name", text, (ctypes.c_int,)),
@@ -109,7 +118,7 @@ class Library:
     @functools.cached_property
     def dims(self) -> Dims:
         """The counts of the hand, and whether contacts slide."""
-        counts = (ctypes.c_uint32 * len(COUNTS)).in_dll(self._c, "aminn_batch_counts")
+        counts = (ctypes.c_uint32 * len(COUNTS)).in_dll(self._c, "aminn_hand_counts")
         branches, coordinates, joints, gates, twist, stiff, tendons, slides = counts
         return Dims(branches, coordinates, joints, tendons, gates, twist > 0, stiff=stiff, slides=slides > 0)
 
@@ -139,18 +148,18 @@ class Library:
     def open(self, blob: bytes, flags: int = 0) -> int:
         """A model that can be predicted with, to be closed. Raises ValueError if it is refused."""
         status = ctypes.c_int32()
-        batch = self._c.aminn_batch_open(blob, len(blob), flags, ctypes.byref(status))
-        if not batch:
+        opened = self._c.aminn_open(blob, len(blob), flags, ctypes.byref(status))
+        if not opened:
             raise Refused(status.value, self.status_text(status.value))
-        return int(batch)
+        return int(opened)
 
-    def close(self, batch: int) -> None:
+    def close(self, opened: int) -> None:
         """Give back what `open` gave."""
-        self._c.aminn_batch_close(batch)
+        self._c.aminn_close(opened)
 
     def predict(
         self,
-        batch: int,
+        opened: int,
         inputs: Mapping[str, tuple[int, int]],
         n: int,
         threads: int = 1,
@@ -161,19 +170,21 @@ class Library:
         inputs: of each array the address of its first number, and by how many numbers a row follows another; 0 where
         all rows are the same.
         """
-        given = _Inputs(**{name: _Rows(*rows) for name, rows in inputs.items()})
+        batch = _Batch(n=n, **{name: _Rows(*rows) for name, rows in inputs.items()})
         outputs, status = np.zeros((n, output_words(self.dims)), np.uint32), np.zeros(n, np.int32)
         words = STAGES * sum(prod(shape) for shape in self.dims.debug.values()) if stages else 0
         debug = np.zeros((n, words), np.uint32)
         where = debug.ctypes.data if stages else None
-        self._c.aminn_batch_predict(
-            batch, ctypes.byref(given), n, threads, outputs.ctypes.data, where, status.ctypes.data
-        )
+        context = self._c.aminn_opened_context(opened)
+        if n:  # each row's status says what the one that is returned does
+            self._c.aminn_predict_batch(
+                context, ctypes.byref(batch), threads, outputs.ctypes.data, where, status.ctypes.data, None
+            )
         return Results(outputs, debug, status)
 
     def admissible(
         self,
-        batch: int,
+        opened: int,
         inputs: Mapping[str, tuple[int, int]],
         directions: tuple[int, int],
         limits: LoadLimits,
@@ -181,26 +192,27 @@ class Library:
         threads: int = 1,
     ) -> tuple[Words, Codes]:
         """(N, .) words of `aminn_admissible_t` of n rows, and their status; inputs and directions as for `predict`."""
-        given = _Inputs(**{name: _Rows(*rows) for name, rows in inputs.items()})
-        along = _Rows(*directions)
+        batch = _Batch(n=n, **{name: _Rows(*rows) for name, rows in inputs.items()})
+        context = self._c.aminn_opened_context(opened)
         found = np.zeros((n, ADMISSIBLE_WORDS + output_words(self.dims)), np.uint32)
         status = np.zeros(n, np.int32)
-        self._c.aminn_batch_admissible(
-            batch,
-            ctypes.byref(given),
-            ctypes.byref(along),
-            ctypes.byref(limits),
-            n,
-            threads,
-            found.ctypes.data,
-            status.ctypes.data,
-        )
+        if n:
+            self._c.aminn_admissible_batch(
+                context,
+                ctypes.byref(batch),
+                _Rows(*directions),
+                ctypes.byref(limits),
+                threads,
+                found.ctypes.data,
+                status.ctypes.data,
+                None,
+            )
         return found, status
 
-    def ranges(self, batch: int) -> tuple[Floats, Floats]:
+    def ranges(self, opened: int) -> tuple[Floats, Floats]:
         """Smallest and largest value of each number of a state in training (S), widened."""
         low, high = (np.zeros(self.dims.state, np.float32) for _ in range(2))
-        self._c.aminn_batch_ranges(batch, low.ctypes.data, high.ctypes.data)
+        self._c.aminn_opened_ranges(opened, low.ctypes.data, high.ctypes.data)
         return low, high
 
     def run(self, blob: bytes, numbers: NDArray[np.float32]) -> Results:
@@ -216,29 +228,29 @@ class Library:
             if at < rows.shape[1]:
                 places[name] = (rows.ctypes.data + rows.itemsize * at, rows.shape[1])
             at += prod(shape)
-        with self._opened(blob, ALWAYS_STAGE2 | DEBUG) as batch:
-            return self.predict(batch, places, len(rows), stages=True)
+        with self._opened(blob, ALWAYS_STAGE2 | DEBUG) as opened:
+            return self.predict(opened, places, len(rows), stages=True)
 
     def ranges_of(self, blob: bytes) -> tuple[Floats, Floats]:
         """The same of a model that is not open. Raises ValueError if it is refused."""
-        with self._opened(blob) as batch:
-            return self.ranges(batch)
+        with self._opened(blob) as opened:
+            return self.ranges(opened)
 
     def self_test(self, blob: bytes) -> int:
         """Status code of loading a model and of `aminn_self_test()`."""
         try:
-            with self._opened(blob) as batch:
-                return int(self._c.aminn_batch_self_test(batch))
+            with self._opened(blob) as opened:
+                return int(self._c.aminn_opened_self_test(opened))
         except Refused as error:
             return error.status
 
     @contextmanager
     def _opened(self, blob: bytes, flags: int = 0) -> Iterator[int]:
-        batch = self.open(blob, flags)
+        opened = self.open(blob, flags)
         try:
-            yield batch
+            yield opened
         finally:
-            self.close(batch)
+            self.close(opened)
 
 
 class Refused(ValueError):
@@ -277,7 +289,7 @@ def cache_folder() -> Path:
 
 
 def _sources() -> list[Path]:
-    folders = (RUNTIME / "src", RUNTIME / "include", RUNTIME / "cmake", SOURCES, SOURCES / "src")
+    folders = (*(RUNTIME / name for name in ("src", "host", "include", "cmake")), SOURCES, SOURCES / "src")
     found = [file for folder in folders for file in sorted(folder.glob("*")) if file.suffix in _SUFFIXES]
     return [RUNTIME / "CMakeLists.txt", *found]
 

@@ -133,7 +133,7 @@ class Model:
         check_blob(blob, source)
         self._blob, self._source, self._theta_names = bytes(blob), str(source), tuple(theta_names)
         self._library = runtime_for(dims_in(blob, source), quickly=False)
-        self._batches = {flags: self._open(flags) for flags in (0, ALWAYS_STAGE2)}
+        self._opened = {flags: self._open(flags) for flags in (0, ALWAYS_STAGE2)}
 
     @staticmethod
     def load(path: AnyPath) -> Model:
@@ -144,11 +144,11 @@ class Model:
 
     def _open(self, flags: int) -> int:
         try:
-            batch = self._library.open(self._blob, flags)
+            opened = self._library.open(self._blob, flags)
         except Refused as error:
             raise AminnError(f"{self._source}: the runtime refuses the {error}") from error
-        weakref.finalize(self, self._library.close, batch)
-        return batch
+        weakref.finalize(self, self._library.close, opened)
+        return opened
 
     def __reduce__(self) -> tuple:
         return Model, (self._blob, self._source, self._theta_names)
@@ -195,7 +195,7 @@ class Model:
     @cached_property
     def ranges(self) -> dict[str, tuple[Floats, Floats]]:
         """Smallest and largest value in training, widened, of each array of a state; those of a row's shape."""
-        low, high = self._library.ranges(self._batches[0])
+        low, high = self._library.ranges(self._opened[0])
         found, at = {}, 0
         for name in STATE:
             shape = self.dims.inputs[name]
@@ -259,8 +259,8 @@ class Model:
             given |= {"j_x": j_x, "j_q": j_q}
         told = {"friction": friction, "tool_weight": tool_weight, "tendon_tension": tendon_tension}
         rows = self._rows(given, theta, told)
-        batch = self._batches[ALWAYS_STAGE2 if always else 0]
-        outputs, _, status = self._library.predict(batch, rows.places, rows.n, cores(threads))
+        opened = self._opened[ALWAYS_STAGE2 if always else 0]
+        outputs, _, status = self._library.predict(opened, rows.places, rows.n, cores(threads))
         return self._strictly(strict, self._prediction(outputs, status))
 
     def admissible_load(
@@ -310,7 +310,7 @@ class Model:
             }
         )
         along = rows.places.pop(DIRECTION, (0, 0))
-        words, status = self._library.admissible(self._batches[0], rows.places, along, limits, rows.n, cores(threads))
+        words, status = self._library.admissible(self._opened[0], rows.places, along, limits, rows.n, cores(threads))
         if (status == Status.LIMITS).any():
             values = ", ".join(f"{name} {getattr(limits, name):g}" for name, *_ in limits._fields_)
             raise AminnError(f"admissible_load: {self.status_text(Status.LIMITS)}: {values}")
