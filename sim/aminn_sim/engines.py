@@ -12,9 +12,10 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Generator, Sequence
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from functools import partial
 from types import ModuleType
 
 import numpy as np
@@ -48,6 +49,11 @@ class ShardTask:
     """(grasps, P) mechanics parameters of each grasp's hand; None: as described."""
 
     @property
+    def first_grasp_id(self) -> int:
+        """Id of the first grasp of the shard."""
+        return self.number * self.config.shard_grasps
+
+    @property
     def cases(self) -> int:
         """Load cases of the shard."""
         return self.grasps * self.config.cases
@@ -62,12 +68,12 @@ Engine = Callable[[Sequence[ShardTask], int, Progress], Finished]
 def simulate_task(task: ShardTask, simulator: _core.Simulator, threads: int, progress: Progress) -> dict:
     """Arrays of one shard. Raises SimulationError with the shard's number where it cannot be simulated."""
     config = task.config
-    try:
+    with _naming(task):
         return simulator.shard(
             config.options(),
             config.seed,
             task.number,
-            task.number * config.shard_grasps,
+            task.first_grasp_id,
             task.grasps,
             config.cases,
             threads,
@@ -75,20 +81,41 @@ def simulate_task(task: ShardTask, simulator: _core.Simulator, threads: int, pro
             progress,
             task.theta,
         )
+
+
+@contextmanager
+def _naming(task: ShardTask) -> Iterator[None]:
+    """Make errors of the simulation those of a shard."""
+    try:
+        yield
     except (RuntimeError, ValueError) as error:
         raise SimulationError(f"shard {task.number}: {error}") from error
 
 
 def on_threads(tasks: Sequence[ShardTask], threads: int, progress: Progress) -> Finished:
-    """One shard after the other, its grasps shared by `threads` threads of this process."""
-    done = 0
-    for task in tasks:
-        yield task, simulate_task(task, task.open_simulator(), threads, partial(_add, progress, done))
-        done += task.cases
+    """The shards in their order, their grasps and load cases shared by `threads` threads of this process.
 
-
-def _add(progress: Progress, before: int, done: int) -> None:
-    progress(before + done)
+    The threads go on with the next shards while the caller has one. The tasks are of one configuration.
+    """
+    if not tasks:
+        return
+    config, simulator = tasks[0].config, tasks[0].open_simulator()
+    threads = min(threads, sum(task.cases for task in tasks))
+    waiting, running = deque(tasks), deque[ShardTask]()
+    with closing(
+        _core.Shards(simulator, config.options(), config.seed, config.cases, config.family_indices(), threads)
+    ) as shards:
+        while waiting or running:
+            # one that is waited for, and of others a grasp for every thread, so that none idles
+            while waiting and (len(running) < 2 or sum(task.grasps for task in running) < running[0].grasps + threads):
+                task = waiting.popleft()
+                with _naming(task):
+                    shards.add(task.number, task.first_grasp_id, task.grasps, task.theta)
+                running.append(task)
+            task = running.popleft()
+            with _naming(task):
+                result = shards.next(progress)
+            yield task, result
 
 
 def _work(task: ShardTask) -> dict:

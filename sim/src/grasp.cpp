@@ -544,6 +544,19 @@ void GraspWorker::save()
     saved_.ctrl.assign(d.ctrl, d.ctrl + m.nu);
 }
 
+std::shared_ptr<const Settled> GraspWorker::settled() const
+{
+    return std::make_shared<const Settled>(Settled{copy_model(*model_), hand_, state_, saved_});
+}
+
+void GraspWorker::adopt(const Settled &settled)
+{
+    copy_model(*settled.model, *model_);
+    hand_ = settled.hand;
+    state_ = settled.state;
+    saved_ = settled.saved;
+}
+
 void GraspWorker::restore()
 {
     const mjModel *m = model_.get();

@@ -111,6 +111,14 @@ struct SavedState {
     std::vector<double> qpos, qvel, act, warmstart, ctrl;
 };
 
+// A settled grasp, for other workers than the one that made it.
+struct Settled {
+    ModelPtr model; // with the grasp's tool and mechanics
+    Hand hand;
+    GraspState state;
+    SavedState saved;
+};
+
 // What all workers share.
 struct Prototype {
     ModelPtr model;
@@ -139,6 +147,10 @@ class GraspWorker {
     // std::runtime_error if no attempt succeeds.
     const GraspState &make(std::uint64_t shard, std::uint64_t index, std::int64_t grasp_id,
                            const std::vector<int> &families, const Vector &theta);
+    // What the load cases of the present grasp depend on.
+    std::shared_ptr<const Settled> settled() const;
+    // From here on load() is of that grasp, with the same bits; there is nothing to draw from its stream.
+    void adopt(const Settled &settled);
     // The next random load of this grasp's stream.
     Load draw_load();
     // Whether the next case is one of those simulated again; one draw of the stream.

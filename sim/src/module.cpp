@@ -178,6 +178,30 @@ Widths widths_of(const Hand &hand, const Synergy &synergy)
             static_cast<std::size_t>(synergy.delta.size())};
 }
 
+// The arrays of the shard that the queue gives next. progress(cases done): a callable or None.
+nb::dict next_arrays(ShardQueue &queue, const Widths &widths, const nb::object &progress)
+{
+    const auto poll = [&](int done) {
+        const nb::gil_scoped_acquire gil;
+        if (PyErr_CheckSignals() != 0)
+            throw nb::python_error();
+        if (!progress.is_none())
+            progress(done);
+    };
+    ShardResult result;
+    {
+        const nb::gil_scoped_release free;
+        result = queue.next(poll);
+    }
+    return shard_arrays(result, widths);
+}
+
+void check_counts(int grasps, int cases, int threads)
+{
+    if (grasps < 1 || cases < 1 || threads < 1)
+        throw std::invalid_argument("grasps, cases and threads must be at least 1");
+}
+
 // A compiled model to simulate shards of.
 class Simulator {
   public:
@@ -192,27 +216,14 @@ class Simulator {
     }
 
     nb::dict shard(const Options &options, std::uint64_t seed, std::uint64_t shard, std::int64_t first_grasp_id,
-                   int grasps, int cases, int threads, const std::vector<int> &families, nb::object progress,
+                   int grasps, int cases, int threads, const std::vector<int> &families, const nb::object &progress,
                    const std::optional<InRows> &theta) const
     {
-        if (grasps < 1 || cases < 1 || threads < 1)
-            throw std::invalid_argument("grasps, cases and threads must be at least 1");
+        check_counts(grasps, cases, threads);
         check_families(families);
-        const ShardRequest request{seed,  shard,   first_grasp_id, grasps,
-                                   cases, threads, families,       in_theta(theta, grasps, prototype_.mechanics)};
-        const auto poll = [&](int done) {
-            const nb::gil_scoped_acquire gil;
-            if (PyErr_CheckSignals() != 0)
-                throw nb::python_error();
-            if (!progress.is_none())
-                progress(done);
-        };
-        ShardResult result;
-        {
-            const nb::gil_scoped_release free;
-            result = simulate_shard(prototype_, options, request, poll);
-        }
-        return shard_arrays(result, widths());
+        ShardQueue queue(prototype_, {options, seed, cases, families}, threads);
+        queue.add({shard, first_grasp_id, grasps, in_theta(theta, grasps, prototype_.mechanics)});
+        return next_arrays(queue, widths(), progress);
     }
 
     void check(const Options &options) const
@@ -262,6 +273,49 @@ class Simulator {
 
   private:
     Prototype prototype_;
+};
+
+// Shards in the hands of Python.
+class Shards {
+  public:
+    Shards(const Simulator &simulator, const Options &options, std::uint64_t seed, int cases,
+           const std::vector<int> &families, int threads)
+        : mechanics_(simulator.prototype().mechanics), widths_(simulator.widths())
+    {
+        check_counts(1, cases, threads);
+        check_families(families);
+        queue_ =
+            std::make_unique<ShardQueue>(simulator.prototype(), ShardOptions{options, seed, cases, families}, threads);
+    }
+
+    void add(std::uint64_t shard, std::int64_t first_grasp_id, int grasps, const std::optional<InRows> &theta)
+    {
+        check_counts(grasps, 1, 1);
+        open().add({shard, first_grasp_id, grasps, in_theta(theta, grasps, mechanics_)});
+    }
+
+    nb::dict next(const nb::object &progress)
+    {
+        return next_arrays(open(), widths_, progress);
+    }
+
+    void close()
+    {
+        const nb::gil_scoped_release free;
+        queue_.reset();
+    }
+
+  private:
+    ShardQueue &open() const
+    {
+        if (!queue_)
+            throw std::invalid_argument("closed");
+        return *queue_;
+    }
+
+    const Mechanics &mechanics_;
+    const Widths widths_;
+    std::unique_ptr<ShardQueue> queue_;
 };
 
 // One grasp in the hands of Python: for tests, fidelity and pictures.
@@ -592,9 +646,7 @@ NB_MODULE(_core, m)
             "theta) of what mechanics parameters act on.")
         .def("shard", &Simulator::shard, "options"_a, "seed"_a, "shard"_a, "first_grasp_id"_a, "grasps"_a, "cases"_a,
              "threads"_a, "families"_a, "progress"_a = nb::none(), "theta"_a = nb::none(),
-             "Simulate a shard: dict of samples, grasps and noise (dicts of arrays) and of the engine's steps. Same "
-             "result for any number of threads. progress(cases done) is called from this thread; what it raises stops "
-             "it. theta: mechanics parameters, a row a grasp.")
+             "Simulate one shard, as Shards does several.")
         .def("check", &Simulator::check, "options"_a,
              "Raise ValueError, with the option's name, where they cannot be simulated with this model.")
         .def("numbers", &Simulator::numbers, "theta"_a,
@@ -602,6 +654,18 @@ NB_MODULE(_core, m)
         .def("gap", &Simulator::gap, "psi"_a, "Distance of the fingertips across the pinch (m) at psi.")
         .def("psi_of", &Simulator::psi_of, "q"_a, "Synergy coordinates of joint angles q (rad).")
         .def("posture_of", &Simulator::posture_of, "psi"_a, "Joint angles (rad) of synergy coordinates.");
+
+    nb::class_<Shards>(m, "Shards", "Shards of a data set on worker threads; the results are the same for any number.")
+        .def(nb::init<const Simulator &, const Options &, std::uint64_t, int, const std::vector<int> &, int>(),
+             "simulator"_a, "options"_a, "seed"_a, "cases"_a, "families"_a, "threads"_a, nb::keep_alive<1, 2>())
+        .def("add", &Shards::add, "shard"_a, "first_grasp_id"_a, "grasps"_a, "theta"_a = nb::none(),
+             "Queue a shard; does not wait. theta: mechanics parameters, a row a grasp.")
+        .def("next", &Shards::next, "progress"_a = nb::none(),
+             "Wait for the shard that was added first: dict of samples, grasps and noise (dicts of arrays) and of the "
+             "engine's steps. The shards after it are simulated meanwhile, and until they are waited for. "
+             "progress(cases "
+             "done of all shards) is called from this thread; what it raises goes on to the caller.")
+        .def("close", &Shards::close, "Stop the workers; what is left is dropped.");
 
     nb::class_<Session>(m, "Session", "One grasp, to be loaded and examined.")
         .def(nb::init<const Simulator &, const Options &, std::uint64_t, std::uint64_t, std::uint64_t, std::int64_t,

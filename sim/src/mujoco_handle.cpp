@@ -80,6 +80,11 @@ ModelPtr copy_model(const mjModel &model)
     return ModelPtr(copy);
 }
 
+void copy_model(const mjModel &model, mjModel &into)
+{
+    guarded([&] { mj_copyModel(&into, &model); });
+}
+
 DataPtr make_data(const mjModel &model)
 {
     mjData *data = nullptr;

@@ -68,6 +68,8 @@ ModelPtr load_model(const std::string &path, const mjVFS *vfs = nullptr);
 // first, without their folders, and then below the folder of `path`.
 ModelPtr load_files(const std::map<std::string, std::string> &files, const std::string &path);
 ModelPtr copy_model(const mjModel &model);
+// The same into a model of the same sizes.
+void copy_model(const mjModel &model, mjModel &into);
 DataPtr make_data(const mjModel &model);
 
 // Id of a named object; throws MujocoError if the model has none.

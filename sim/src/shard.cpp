@@ -1,129 +1,171 @@
 #include "shard.hpp"
 
-#include <atomic>
+#include <algorithm>
 #include <chrono>
-#include <condition_variable>
-#include <exception>
-#include <mutex>
-#include <thread>
 
 namespace aminn::sim {
 
-namespace {
+ShardQueue::ShardQueue(const Prototype &prototype, ShardOptions options, int threads)
+    : prototype_(prototype), options_(std::move(options))
+{
+    check_options(options_.options, prototype.model->opt.timestep);
+    threads_.reserve(static_cast<std::size_t>(threads));
+    for (int i = 0; i < threads; ++i)
+        threads_.emplace_back([this] { work(); });
+}
 
-// Shared by the workers of one shard.
-class Job {
-  public:
-    Job(const Prototype &prototype, const Options &options, const ShardRequest &request)
-        : prototype_(prototype), options_(options), request_(request)
+ShardQueue::~ShardQueue()
+{
     {
-        result_.grasps.resize(static_cast<std::size_t>(request.grasps));
-        result_.cases.resize(static_cast<std::size_t>(request.grasps));
-    }
-
-    void start()
-    {
-        running_ = std::max(1, std::min(request_.threads, request_.grasps));
-        const int n = running_;
-        threads_.reserve(static_cast<std::size_t>(n));
-        for (int i = 0; i < n; ++i)
-            threads_.emplace_back([this] { work(); });
-    }
-
-    // Waits a while; true when every worker is done.
-    bool wait()
-    {
-        std::unique_lock lock(mutex_);
-        return done_.wait_for(lock, std::chrono::milliseconds(100), [this] { return running_ == 0; });
-    }
-
-    void stop()
-    {
+        const std::lock_guard lock(mutex_);
         stop_ = true;
     }
-    void join()
-    {
-        for (auto &t : threads_)
-            t.join();
-        threads_.clear();
-    }
-    int cases_done() const
-    {
-        return cases_done_;
-    }
+    wake_.notify_all();
+    for (auto &t : threads_)
+        t.join();
+}
 
-    ShardResult finish()
+void ShardQueue::add(ShardRequest request)
+{
+    auto shard = std::make_unique<Shard>();
+    shard->left = request.grasps;
+    shard->result.grasps.resize(static_cast<std::size_t>(request.grasps));
+    shard->result.cases.resize(static_cast<std::size_t>(request.grasps));
+    shard->request = std::move(request);
     {
-        join();
-        if (error_)
-            std::rethrow_exception(error_);
-        result_.steps = steps_;
-        return std::move(result_);
-    }
-
-    ~Job()
-    {
-        stop();
-        join();
-    }
-
-  private:
-    void work()
-    {
-        try {
-            GraspWorker worker(prototype_, options_, request_.seed, &stop_);
-            for (int g = next_++; g < request_.grasps && !stop_; g = next_++)
-                one_grasp(worker, g);
-            steps_ += worker.steps();
-        } catch (...) {
-            const std::lock_guard lock(mutex_);
-            if (!error_)
-                error_ = std::current_exception();
-            stop_ = true;
-        }
         const std::lock_guard lock(mutex_);
-        if (--running_ == 0)
+        shards_.push_back(std::move(shard));
+    }
+    wake_.notify_all();
+}
+
+ShardResult ShardQueue::next(const std::function<void(int)> &poll)
+{
+    Lock lock(mutex_);
+    if (shards_.empty())
+        throw std::logic_error("no shard is left");
+    const Shard &first = *shards_.front();
+    const auto over = [&] { return error_ || first.error || first.left == 0; };
+    bool ended = false;
+    while (!ended) {
+        ended = done_.wait_for(lock, std::chrono::milliseconds(100), over);
+        const int done = cases_done_;
+        lock.unlock();
+        poll(done);
+        lock.lock();
+    }
+    if (error_ || first.error)
+        std::rethrow_exception(error_ ? error_ : first.error);
+    ShardResult result = std::move(shards_.front()->result);
+    shards_.pop_front();
+    return result;
+}
+
+ShardQueue::Shard *ShardQueue::shard_with_grasps_left() const
+{
+    for (const auto &shard : shards_)
+        if (!shard->error && shard->begun < shard->request.grasps)
+            return shard.get();
+    return nullptr;
+}
+
+std::shared_ptr<ShardQueue::Grasp> ShardQueue::grasp_with_cases_left() const
+{
+    for (const auto &grasp : grasps_)
+        if (grasp->settled && !grasp->shard->error && grasp->begun < grasp->loads.size())
+            return grasp;
+    return nullptr;
+}
+
+void ShardQueue::work()
+{
+    Lock lock(mutex_, std::defer_lock);
+    try {
+        GraspWorker worker(prototype_, options_.options, options_.seed, &stop_);
+        lock.lock();
+        while (!stop_) {
+            if (Shard *shard = shard_with_grasps_left())
+                begin_grasp(worker, *shard, lock);
+            else if (const std::shared_ptr<Grasp> grasp = grasp_with_cases_left()) {
+                worker.adopt(*grasp->settled);
+                run_cases(worker, grasp, lock);
+            } else
+                wake_.wait(lock);
+        }
+    } catch (...) {
+        if (!lock.owns_lock())
+            lock.lock();
+        error_ = std::current_exception();
+        done_.notify_all();
+    }
+}
+
+void ShardQueue::begin_grasp(GraspWorker &worker, Shard &shard, Lock &lock)
+{
+    const int index = shard.begun++;
+    const auto grasp = std::make_shared<Grasp>();
+    grasp->shard = &shard;
+    grasp->slot = static_cast<std::size_t>(index);
+    const std::int64_t steps_before = worker.steps();
+    lock.unlock();
+    try {
+        const ShardRequest &request = shard.request;
+        const Vector theta = request.theta.rows() > 0 ? Vector(request.theta.row(index)) : Vector();
+        shard.result.grasps[grasp->slot] = worker.make(request.shard, static_cast<std::uint64_t>(index),
+                                                       request.first_grasp_id + index, options_.families, theta);
+        for (int i = 0; i < options_.cases; ++i) {
+            grasp->loads.push_back(worker.draw_load());
+            grasp->recheck.push_back(worker.draw_recheck());
+        }
+        shard.result.cases[grasp->slot].resize(grasp->loads.size());
+        lock.lock();
+    } catch (...) {
+        lock.lock();
+        fail(&shard);
+        return;
+    }
+    shard.result.steps += worker.steps() - steps_before;
+    grasp->left = grasp->loads.size();
+    grasps_.push_back(grasp);
+    run_cases(worker, grasp, lock);
+}
+
+// Cases of a grasp that the worker has made or adopted, until none is left to begin.
+void ShardQueue::run_cases(GraspWorker &worker, const std::shared_ptr<Grasp> &grasp, Lock &lock)
+{
+    Shard &shard = *grasp->shard;
+    while (!stop_ && !shard.error && grasp->begun < grasp->loads.size()) {
+        if (!grasp->settled && threads_.size() > 1 && shard_with_grasps_left() == nullptr) {
+            grasp->settled = worker.settled();
+            wake_.notify_all();
+        }
+        const std::size_t i = grasp->begun++;
+        const std::int64_t steps_before = worker.steps();
+        lock.unlock();
+        try {
+            CaseResult result = worker.load(grasp->loads[i], grasp->recheck[i]);
+            lock.lock();
+            shard.result.cases[grasp->slot][i] = std::move(result);
+        } catch (...) {
+            if (!lock.owns_lock())
+                lock.lock();
+            fail(&shard);
+            return;
+        }
+        shard.result.steps += worker.steps() - steps_before;
+        ++cases_done_;
+        if (--grasp->left > 0)
+            continue;
+        grasps_.erase(std::find(grasps_.begin(), grasps_.end(), grasp));
+        if (--shard.left == 0)
             done_.notify_all();
     }
+}
 
-    void one_grasp(GraspWorker &worker, int g)
-    {
-        const auto slot = static_cast<std::size_t>(g);
-        const Vector theta = request_.theta.rows() > 0 ? Vector(request_.theta.row(g)) : Vector();
-        result_.grasps[slot] = worker.make(request_.shard, static_cast<std::uint64_t>(g), request_.first_grasp_id + g,
-                                           request_.families, theta);
-        for (int i = 0; i < request_.cases && !stop_; ++i) {
-            const Load load = worker.draw_load();
-            result_.cases[slot].push_back(worker.load(load, worker.draw_recheck()));
-            ++cases_done_;
-        }
-    }
-
-    const Prototype &prototype_;
-    const Options &options_;
-    const ShardRequest &request_;
-    ShardResult result_;
-    std::vector<std::thread> threads_;
-    std::mutex mutex_;
-    std::condition_variable done_;
-    std::atomic<int> next_{0}, cases_done_{0};
-    std::atomic<std::int64_t> steps_{0};
-    std::atomic<bool> stop_{false};
-    int running_ = 0;
-    std::exception_ptr error_;
-};
-
-} // namespace
-
-ShardResult simulate_shard(const Prototype &prototype, const Options &options, const ShardRequest &request,
-                           const std::function<void(int)> &poll)
+void ShardQueue::fail(Shard *shard)
 {
-    Job job(prototype, options, request);
-    job.start();
-    while (!job.wait())
-        poll(job.cases_done());
-    poll(job.cases_done());
-    return job.finish();
+    shard->error = std::current_exception();
+    done_.notify_all();
 }
 
 } // namespace aminn::sim

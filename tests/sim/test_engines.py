@@ -20,6 +20,7 @@ from aminn_sim import SimulationConfig, SimulationError, _core, engines, simulat
 from aminn_sim.engines import ENGINES, ShardTask
 from aminn_sim.open_hand import open_hand
 from aminn_sim.simulate import UNFINISHED, shard_name
+from aminn_sim.vary import draw_theta
 
 open_simulator = open_hand().simulator
 ray = pytest.importorskip("ray", reason="the extra ray is not installed")
@@ -76,6 +77,32 @@ def test_an_error_of_the_worker_is_passed_on(cluster: None, engine: str) -> None
 
     with pytest.raises(SimulationError, match="node7 has another version"):
         list(ENGINES[engine](tasks(opener), 1, lambda done: None))
+
+
+def test_many_threads_share_the_cases_of_few_grasps() -> None:
+    """Threads that have no grasp left take cases of those that others are at; the arrays are the same."""
+    config = SimulationConfig(**SMALL | {"vary_mechanics": 0.5, "cases": 12})
+    theta = draw_theta(config, open_hand().hand, range(2))
+    shards = [ShardTask(config, n, 1, open_simulator, theta[n : n + 1]) for n in range(2)]
+    alone, shared = (list(engines.on_threads(shards, threads, lambda done: None)) for threads in (1, 7))
+    for (task, one), (same_task, many) in zip(alone, shared, strict=True):
+        assert task is same_task and one["steps"] == many["steps"]
+        for group in ("samples", "grasps", "noise"):
+            assert one[group].keys() == many[group].keys()
+            for name, values in one[group].items():
+                assert values.tobytes() == many[group][name].tobytes(), (group, name)
+
+
+def test_shards_before_one_that_fails_are_kept() -> None:
+    """However far ahead the threads are, each shard before comes out whole, and the error names the one that failed."""
+    config = SimulationConfig(**SMALL | {"grasp_attempts": 4, "cases": 1})
+    six, kept = [ShardTask(config, n, 1, open_simulator) for n in range(6)], []
+    with pytest.raises(SimulationError, match=r"^shard \d: grasp .*none of 4 attempts") as error:
+        for task, result in engines.on_threads(six, 4, lambda done: None):
+            kept.append(task.number)
+            alone = engines.simulate_task(task, open_simulator(), 1, lambda done: None)
+            assert result["samples"]["dx_ht"].tobytes() == alone["samples"]["dx_ht"].tobytes()
+    assert kept and kept == list(range(int(str(error.value)[len("shard ")])))
 
 
 def test_a_worker_that_dies_is_told(cluster: None) -> None:
