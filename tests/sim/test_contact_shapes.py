@@ -75,3 +75,38 @@ def test_placements_are_sobol_points() -> None:
     np.testing.assert_allclose(np.sort(ours, axis=0), np.sort(theirs, axis=0), atol=1e-9)
     order = {tuple(np.round(x, 9)) for x in theirs}
     assert {tuple(np.round(x, 9)) for x in ours} == order
+
+
+SOLIDS = {
+    "capsule": lambda rng: ("capsule", rng.uniform(0.004, 0.03, 2)),
+    "cylinder": lambda rng: ("cylinder", rng.uniform(0.004, 0.03, 2)),
+    "ellipsoid": lambda rng: ("ellipsoid", rng.uniform(0.004, 0.03, 3)),
+    "box": lambda rng: ("box", rng.uniform(0.004, 0.03, 3)),
+}
+
+
+@pytest.mark.parametrize("first", SOLIDS)
+@pytest.mark.parametrize("second", ["capsule", "cylinder", "ellipsoid"])
+def test_no_contact_is_left_out_where_the_search_is(first: str, second: str) -> None:
+    """Solids that the current MuJoCo finds in each other touch here too, and those apart do not."""
+    mujoco = pytest.importorskip("mujoco", reason="the extra mujoco is not installed: pip install aminn[mujoco]")
+    rng, touching, apart = np.random.default_rng(4), 0, 0
+    for _ in range(60):
+        bodies = ""
+        for name in (first, second):
+            kind, size = SOLIDS[name](rng)
+            turn = rng.normal(size=4)
+            numbers = {"size": size, "quat": turn / np.linalg.norm(turn)}
+            place = " ".join(f"{x:.17g}" for x in rng.uniform(-0.025, 0.025, 3))
+            words = " ".join(f'{k}="{" ".join(f"{x:.17g}" for x in v)}"' for k, v in numbers.items())
+            bodies += f'<body pos="{place}"><freejoint/><geom type="{kind}" {words}/></body>'
+        text = f"<mujoco><worldbody>{bodies}</worldbody></mujoco>"
+        engine, model = _core.Engine(text), mujoco.MjModel.from_xml_string(text)
+        engine.forward()
+        data = mujoco.MjData(model)
+        mujoco.mj_forward(model, data)
+        distance = mujoco.mj_geomDistance(model, data, 0, 1, 1.0, None)
+        if abs(distance) > 1e-5:
+            assert bool(engine.contacts()) == (distance < 0), (text, distance)
+        touching, apart = touching + (distance < -1e-5), apart + (distance > 1e-5)
+    assert touching > 5 and apart > 5
