@@ -17,6 +17,8 @@ PICTURES ?= 16
 THREADS ?= $(JOBS)
 # C model (a folder, or its .bin) that `make load` judges.
 MODEL   ?= tests/golden
+# Python of an earlier version, set up, that `make labels` compares with.
+BEFORE  ?=
 # Programs that `make consumers` runs; empty: all.
 ONLY    ?=
 # Further arguments for pip, e.g. --extra-index-url of PyTorch's CPU-only builds.
@@ -59,7 +61,7 @@ demo: setup-python setup-host setup-arm ## the whole path: simulate, train, comp
 	@$(PYTHON) -m aminn_app.demo --build $(BUILD)
 
 .PHONY: test
-test: setup-python setup-view setup-host-tests setup-arm $(STAMPS)/apt-fuzz ## lint, C tests, Python tests, and the golden vectors on the emulated Cortex-M7
+test: setup-python setup-view setup-host-tests setup-arm $(STAMPS)/apt-fuzz $(STAMPS)/apt-sim ## lint, C tests, Python tests, and the golden vectors on the emulated Cortex-M7
 	@$(MAKE) --no-print-directory lint
 	@mkdir -p $(BUILD)/test
 	@ctest --test-dir $(HOST) --output-on-failure --no-tests=error --parallel $(JOBS) \
@@ -159,6 +161,11 @@ sim: setup-python ## the simulation judged: theory against it, labels, speed; on
 	@$(PYTHON) -m aminn_sim.figures --data $(BUILD)/dataset --out $(REPORTS)/sim.json
 	@echo "Report: $(REPORTS)/sim.json"
 
+.PHONY: labels
+labels: setup-python $(STAMPS)/apt-sim ## what labels cost, beside the system's build of MuJoCo and an earlier version (BEFORE=its .venv/bin/python)
+	@$(PYTHON) -m aminn_sim.labels --out $(REPORTS)/labels.json --threads $(THREADS) $(addprefix --before ,$(BEFORE))
+	@echo "Report: $(REPORTS)/labels.json"
+
 .PHONY: hands
 hands: setup-python setup-host setup-arm ## every hand that comes along, from its description to a replayed C model
 	@$(PYTHON) -m aminn_app.hands --build $(BUILD)
@@ -230,8 +237,13 @@ $(STAMPS)/venv: constraints.txt pyproject.toml tools/setup/python.sh $(VENV)/pyv
 	@tools/setup/python.sh $(VENV) $(PIP_ARGS)
 	@touch $@
 
+# The simulation's engine: the fastest build that can be had.
+$(STAMPS)/mujoco: tools/setup/mujoco.sh tools/setup/mujoco.txt | $(STAMPS)/venv
+	@tools/setup/mujoco.sh $(BUILD)/mujoco $(PYTHON) $(PIP_ARGS)
+	@touch $@
+
 # The Python packages, linked to the tree (a change of a .py file needs nothing), and their compiled modules.
-$(STAMPS)/module: $(STAMPS)/venv $(MODULE_SOURCES) | $(STAMPS)/apt-host $(STAMPS)/apt-sim
+$(STAMPS)/module: $(STAMPS)/venv $(STAMPS)/mujoco $(MODULE_SOURCES) | $(STAMPS)/apt-host
 	@echo "Building the Python modules"
 	@$(QUIET) $(BUILD)/logs/module.log $(PYTHON) -m pip install --disable-pip-version-check \
 	  --no-build-isolation --no-deps --editable .

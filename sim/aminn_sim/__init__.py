@@ -6,8 +6,8 @@ try:
     from . import _core as _core
 except ImportError as error:
     raise MissingLibrary(
-        f"the simulation's compiled part cannot be loaded ({error}); it needs MuJoCo 2.2: install Debian's package "
-        "(apt-get install libmujoco2.2.2), or build it again where that is there (make setup-python)"
+        f"the simulation's compiled part cannot be loaded ({error}); it needs MuJoCo 2.2: build it again (make "
+        "setup-python), or install Debian's package (apt-get install libmujoco2.2.2)"
     ) from error
 
 from .config import SimulationConfig

@@ -18,6 +18,7 @@ from aminn_base.files import write_atomically
 from aminn_base.read import AnyPath, read_json
 from aminn_hand.theta import Theta
 
+from .build import in_words
 from .quality import noise_figures
 from .read import Array, SimulatedData, read_data
 from .schema import Field, groups_of
@@ -98,6 +99,7 @@ def _summary(data: SimulatedData) -> list[tuple[str, str]]:
         ("Stable", _percent(float(stable))),
         ("Tool families", ", ".join(config["families"])),
         ("Simulator", f"{m['simulator']}, protocol {m['protocol_version']}, schema {m['schema_version']}"),
+        ("Engine's build", in_words(m.get("simulator_build"))),
         ("Seed", str(m["seed"])),
         ("Configuration", m["config_sha256"][:16]),
         ("Bounds", ", ".join(f"{name} {value:g}" for name, value in m["bounds"].items())),

@@ -35,6 +35,7 @@ from aminn_hand.hand import Hand
 from aminn_hand.theta import Theta
 
 from . import _core
+from .build import in_words, is_here, simulator_build
 from .config import TOOL_FAMILIES, SimulationConfig
 from .engines import Engine, ShardTask, find_engine
 from .errors import OutdatedDataError, SimulationError
@@ -54,8 +55,15 @@ OWN_PARTIAL = re.compile(r"\.?(shard-\d{5,}\.h5|manifest\.json|unfinished\.json)
 Arrays = dict[str, np.ndarray]
 
 
-def _open_simulator(config: SimulationConfig, digest: str, hand: Path | None) -> _core.Simulator:
-    """The simulator of this machine, if it makes the data set of `digest`."""
+def _open_simulator(
+    config: SimulationConfig, digest: str, build: dict[str, str], hand: Path | None
+) -> _core.Simulator:
+    """The simulator of this machine, if it makes the data set of `digest` on this build of the engine."""
+    if not is_here(build):
+        raise SimulationError(
+            f"{platform.node()} has another build of MuJoCo, {in_words(simulator_build())} instead of "
+            f"{in_words(build)}; install the same there"
+        )
     opened = open_hand(hand)
     if config_sha256(config, opened) != digest:
         raise SimulationError(
@@ -129,6 +137,8 @@ def simulate(
         _check_room(out, sum(work.sizes[n] for n in work.todo) * config.cases, opened.hand)
         work.run(run, threads or len(os.sched_getaffinity(0)), progress, opened.path if hand else None)
         manifest = build_manifest(config, work.digest, opened.hand, out, work.recorded)
+        if work.build:
+            manifest["simulator_build"] = work.build
         write_json(out / MANIFEST, manifest)
         (out / UNFINISHED).unlink(missing_ok=True)
         if report and work.todo:
@@ -147,6 +157,8 @@ class _Work:
         self.recorded = _recorded(out)
         """SHA-256 of each shard by its file's name, as it was written."""
         self.todo = [n for n in range(len(self.sizes)) if not self._is_complete(n)]
+        self.build = self._build()
+        """Of the engine that all shards are of; None where a finished data set has none on record."""
 
     def run(self, engine: Engine, threads: int, progress: bool, hand: Path | None) -> None:
         """Simulate what is missing."""
@@ -155,7 +167,7 @@ class _Work:
             if self.recorded:
                 self._record()
             (self.out / MANIFEST).unlink(missing_ok=True)  # it would describe shards that are about to change
-        open_simulator = partial(_open_simulator, config, self.digest, hand)
+        open_simulator = partial(_open_simulator, config, self.digest, simulator_build(), hand)
         tasks = [
             ShardTask(config, n, self.sizes[n], open_simulator, draw_theta(config, self.hand, self._grasps(n)))
             for n in self.todo
@@ -186,6 +198,17 @@ class _Work:
             "dataset_threads": threads,
         }
 
+    def _build(self) -> dict[str, str] | None:
+        if len(self.todo) == len(self.sizes):
+            return simulator_build()
+        began = _recorded_build(self.out)
+        if self.todo and not is_here(began):
+            raise OutdatedDataError(
+                f"{self.out}: was begun on another build of MuJoCo, {in_words(began)}; here it is "
+                f"{in_words(simulator_build())}; go on where that one is, choose another folder or delete this one"
+            )
+        return began
+
     def _grasps(self, number: int) -> range:
         """Ids of the grasps of a shard."""
         first = number * self.config.shard_grasps
@@ -209,7 +232,8 @@ class _Work:
 
     def _record(self) -> None:
         shards = [{"file": k, "sha256": v} for k, v in self.recorded.items()]
-        write_json(self.out / UNFINISHED, {"shards": shards} | _origin(self.config, self.hand))
+        origin = {"simulator_build": self.build} | _origin(self.config, self.hand)
+        write_json(self.out / UNFINISHED, {"shards": shards} | origin)
 
     def _is_complete(self, number: int) -> bool:
         """Whether the shard is there and as it was written; one that no record vouches for is to be made again.
@@ -295,6 +319,18 @@ def _recorded(out: Path) -> dict[str, str]:
         except (ValueError, KeyError, TypeError) as error:
             raise OutdatedDataError(f"{file}: not readable ({error}); delete it and simulate again") from error
     return found
+
+
+def _recorded_build(out: Path) -> dict[str, str] | None:
+    """The engine's build as the record of the data set in `out` has it."""
+    for file in (out / UNFINISHED, out / MANIFEST):
+        try:
+            found = json.loads(file.read_text()).get("simulator_build")
+        except (OSError, ValueError, AttributeError):
+            continue
+        if isinstance(found, dict) and {"library", "from", "sha256"} <= found.keys():
+            return {str(k): str(v) for k, v in found.items()}
+    return None
 
 
 def check_tools_fit(config: SimulationConfig, opened: OpenHand, simulator: _core.Simulator) -> None:

@@ -602,6 +602,7 @@ NB_MODULE(_core, m)
     m.attr("TOOL_FAMILIES") = nb::tuple(families);
     m.attr("REASONS") = nb::tuple(reasons);
     m.attr("MUJOCO_VERSION") = std::string(mj_versionString());
+    m.attr("MUJOCO_LIBRARY") = engine_library();
 
     nb::list rejections;
     for (const char *name : kRejectionNames)

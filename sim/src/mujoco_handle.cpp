@@ -2,6 +2,8 @@
 
 #include "contact_shapes.hpp"
 
+#include <dlfcn.h>
+
 #include <climits>
 #include <cstring>
 #include <mutex>
@@ -90,6 +92,14 @@ DataPtr make_data(const mjModel &model)
     mjData *data = nullptr;
     guarded([&] { data = mj_makeData(&model); });
     return DataPtr(data);
+}
+
+std::string engine_library()
+{
+    Dl_info info;
+    if (dladdr(reinterpret_cast<const void *>(&mj_version), &info) == 0 || info.dli_fname == nullptr)
+        throw MujocoError("the engine's library has no file");
+    return info.dli_fname;
 }
 
 int id_of(const mjModel &model, mjtObj type, const std::string &name)

@@ -72,6 +72,9 @@ ModelPtr copy_model(const mjModel &model);
 void copy_model(const mjModel &model, mjModel &into);
 DataPtr make_data(const mjModel &model);
 
+// The file that the engine was loaded from.
+std::string engine_library();
+
 // Id of a named object; throws MujocoError if the model has none.
 int id_of(const mjModel &model, mjtObj type, const std::string &name);
 

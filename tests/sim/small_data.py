@@ -16,10 +16,11 @@ _OWN_OPTIONS = ("grasps", "cases", "seed", "shard_grasps")
 def begin(whole: Path, folder: Path, shards: int = 1) -> Path:
     """A folder like that of a simulation of `whole` that was ended after so many shards."""
     folder.mkdir(parents=True)
-    entries = json.loads((whole / MANIFEST).read_text())["shards"][:shards]
+    manifest = json.loads((whole / MANIFEST).read_text())
+    entries = manifest["shards"][:shards]
     for entry in entries:
         shutil.copy(whole / entry["file"], folder)
-    (folder / UNFINISHED).write_text(json.dumps({"shards": entries}))
+    (folder / UNFINISHED).write_text(json.dumps({"shards": entries, "simulator_build": manifest["simulator_build"]}))
     return folder
 
 

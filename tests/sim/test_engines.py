@@ -17,6 +17,7 @@ from small_data import SMALL, begin, command_line
 
 from aminn_app.cli import simulate as command
 from aminn_sim import SimulationConfig, SimulationError, _core, engines, simulate
+from aminn_sim.build import simulator_build
 from aminn_sim.engines import ENGINES, ShardTask
 from aminn_sim.open_hand import open_hand
 from aminn_sim.simulate import UNFINISHED, shard_name
@@ -118,7 +119,7 @@ def test_another_version_on_a_worker_is_refused(dataset_dir: Path, tmp_path: Pat
     from aminn_sim.simulate import _open_simulator
 
     with pytest.raises(SimulationError, match="another version of the simulation"):
-        _open_simulator(SimulationConfig(**SMALL), "0" * 64, None)
+        _open_simulator(SimulationConfig(**SMALL), "0" * 64, simulator_build(), None)
 
 
 def test_progress_counts_the_cases_of_all_shards(cluster: None) -> None:

@@ -15,6 +15,7 @@ from PIL import Image
 
 from aminn_app.cli import simulate as command
 from aminn_sim import SimulationConfig, SimulationError, simulate
+from aminn_sim.build import in_words, simulator_build
 from aminn_sim.card import data_card
 from aminn_sim.gallery import CONTACT_RGBA, LOAD_RGBA, PIXELS, choose, gallery, offscreen
 from aminn_sim.read import read_data
@@ -126,6 +127,7 @@ def test_card_shows_every_field_and_is_one_file(data_folder: Path, tmp_path: Pat
     assert titles[:3] == ["Yield", "Stable share by load", "Quality of the labels"] and "Variables" in titles
     assert "Mechanics" not in titles  # every hand is as described
     assert set(re.findall(r'src="(.{10})', page)) == {"data:image"}
+    assert in_words(simulator_build()) in page
     assert "0.0625" in page and "theory relative error median" in page
     for family in read_data(data_folder).manifest["tool_families"]:
         assert family in page

@@ -14,7 +14,7 @@ packages() {
       echo "ninja-build have ninja"
       echo "libeigen3-dev"
       echo "python3 have python3" ;; # the size report and the generators of the build: standard library only
-    sim) # simulation, as a Python module
+    sim) # the simulation's engine where mujoco.sh cannot fetch it, and to compare it with
       echo "libmujoco-dev"
       echo "libqhull-dev" ;; # its headers are named by MuJoCo's CMake package, which does not depend on them
     view) # pictures without a display

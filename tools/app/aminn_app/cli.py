@@ -89,8 +89,24 @@ def read_verification(file: Path) -> dict:
     return report
 
 
+def _show_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> None:
+    if not wanted or ctx.resilient_parsing:
+        return
+    click.echo(f"aminn, version {__version__}")
+    try:
+        from aminn_sim.build import in_words, simulator_build
+
+        click.echo(f"simulates on {in_words(simulator_build())}")
+    except AminnError as error:
+        click.echo(f"does not simulate: {error}")
+    ctx.exit()
+
+
 @click.group(cls=Commands)
-@click.version_option(__version__)
+@click.option(
+    "--version", is_flag=True, is_eager=True, expose_value=False, callback=_show_version,
+    help="Show the version, and the engine that simulates, and exit.",
+)  # fmt: skip
 def main() -> None:
     """Predict how a robot hand's grasp gives way under load.
 
