@@ -147,7 +147,7 @@ typedef char aminn_compile_without_fpack_struct[sizeof(struct aminn_layout) == 2
 #define AMINN_VERSION_STRING "0.1.0"
 
 /* Version of the model's layout, in memory and as a blob. A model of another version is refused. */
-#define AMINN_FORMAT_VERSION 9u
+#define AMINN_FORMAT_VERSION 10u
 
 /* ---- Dimensions ------------------------------------------------------------------------------------------------ */
 
@@ -266,6 +266,12 @@ typedef enum aminn_status { AMINN_STATUS_LIST(AMINN_STATUS_ENUM) AMINN_STATUS_WI
 /* Type of the weights' elements (aminn_model_t.weight_type). */
 #define AMINN_WEIGHTS_FLOAT32 0u /* float */
 #define AMINN_WEIGHTS_FLOAT16 1u /* uint16_t that holds an IEEE binary16: half the flash, same arithmetic in float */
+#define AMINN_WEIGHTS_INT8 2u /* int8_t, steps of a size of each output's own: a quarter of the flash, sums in float */
+
+/* What the library does with weights that are not float. A C model names its own, and a linker leaves out the others. */
+typedef struct aminn_storage aminn_storage_t;
+extern const aminn_storage_t aminn_storage_float16;
+extern const aminn_storage_t aminn_storage_int8;
 
 /* Tables that theta changes: a model's own are of the nominal hand, a calibration's of one hand. */
 typedef struct aminn_varied {
@@ -277,8 +283,9 @@ typedef struct aminn_varied {
 } aminn_varied_t;
 
 /* Tables and constants of one stage. Widths: HC contact_width, H width. Lengths of the reference hand are in brackets.
- * Weights are stored [input][output], so that the product is a sum of contiguous rows. Every pointer is to read-only tables,
- * normally in flash, aligned to 4 bytes. */
+ * Weights are stored [input][output], so that the product is a sum of contiguous rows. Where they are int8, the tables that
+ * end in _b are twice as long: behind the biases they have the size of each output's steps, > 0. Every pointer is to
+ * read-only tables, normally in flash, aligned to 4 bytes. */
 typedef struct aminn_stage_model {
     float eps_kx;                 /* added stiffness, N/m and N.m/rad, > 0 */
     float eps_jq;                 /* regularisation of j_q in AMINN_DQ0_INVERSE, m/rad, >= 0 */
@@ -317,7 +324,7 @@ typedef struct aminn_model {
     uint32_t width;               /* H,  1 .. AMINN_MAX_WIDTH */
     uint32_t classifier_width;    /* HD, 1 .. AMINN_MAX_WIDTH */
     uint32_t dq0;                 /* AMINN_DQ0_STATICS or AMINN_DQ0_INVERSE */
-    uint32_t weight_type;         /* AMINN_WEIGHTS_FLOAT32 or AMINN_WEIGHTS_FLOAT16: of the tables that end in _w */
+    uint32_t weight_type;         /* AMINN_WEIGHTS_FLOAT32, _FLOAT16 or _INT8: of the tables that end in _w */
     uint32_t stages_crc;          /* CRC-32 of both stages' aminn_stage_debug_t for the known answer's state */
     float length_scale;           /* makes rotations and translations comparable, m, > 0 */
     float log_range;              /* springs stay within exp(+-log_range) of nominal, >= 0 */
@@ -357,6 +364,7 @@ typedef struct aminn_model {
     const void *sure_w;  /* (H + SURE x 2)  input: trunk's output, then statics; logit of p_slide, log of bound_95 */
     const float *sure_b; /* (2) */
     const struct aminn_known_answer *known_answer; /* a state, and the bits of its prediction */
+    const aminn_storage_t *storage;                /* that of weight_type; null: float */
     aminn_stage_model_t stage[AMINN_N_STAGE];      /* 0: stage 1, 1: stage 2 */
 } aminn_model_t;
 

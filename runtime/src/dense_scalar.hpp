@@ -1,7 +1,9 @@
-// Layers without vector registers: block by block.
+// Layers without vector registers: block by block. A model brings along the code for weights that are not float32
+// (storage.hpp), so that an image holds that of its own model alone.
 #ifndef AMINN_SRC_DENSE_SCALAR_HPP
 #define AMINN_SRC_DENSE_SCALAR_HPP
 
+#include "storage.hpp"
 #include "weights.hpp"
 
 #if AMINN_CORTEX_M
@@ -13,31 +15,45 @@
 namespace aminn {
 inline namespace AMINN_CORE {
 
-inline void dense(const void *w, uint32_t weight_type, const float *b, const float *x, int n_in, int n_out, float floor,
-                  float *y)
+template <class Weight>
+AMINN_INLINE void dense_of(const Weight *w, const float *b, const float *x, int n_in, int n_out, float floor, float *y)
 {
-    const auto *w32 = static_cast<const float *>(w);
-    const auto *w16 = static_cast<const uint16_t *>(w);
-    const bool half = weight_type == AMINN_WEIGHTS_FLOAT16; // for half the flash, and not for speed
     int at = 0;
-    for (; n_out >= kBlock && !half && at < n_out; at += kBlock) {
+    for (; n_out >= kBlock && at < n_out; at += kBlock) {
         const int from = at + kBlock <= n_out ? at : n_out - kBlock;
-        dense_block(w32 + from, n_out, b + from, x, n_in, y + from);
+        dense_block(w + from, n_out, b + from, x, n_in, y + from);
     }
     for (; at < n_out; ++at) {
-        float next = b[at]; // the sum of the even inputs, and after each step that of the others
+        float next = first_of<Weight>(b + at); // the sum of the even inputs, and after each step that of the others
         float other = -0.0F;
         for (int i = 0; i < n_in; ++i) {
-            const int k = i * n_out + at;
-            const float sum = next + (half ? value_of(w16[k]) : w32[k]) * x[i];
+            const float sum = next + value_of(w[i * n_out + at]) * x[i];
             next = other;
             other = sum;
         }
         y[at] = next + other;
     }
     for (int i = 0; i < n_out; ++i) {
-        y[i] = y[i] < floor ? 0.0F : y[i];
+        y[i] = finished<Weight>(y[i], b + i, n_out, floor);
     }
+}
+
+// of a storage (storage.hpp)
+template <class Weight>
+void dense_stored(const aminn_model_t &, const void *w, const float *b, const float *x, int n_in, int n_out,
+                  float floor, float *y)
+{
+    dense_of(static_cast<const Weight *>(w), b, x, n_in, n_out, floor, y);
+}
+
+inline void dense(const aminn_model_t &model, const void *w, const float *b, const float *x, int n_in, int n_out,
+                  float floor, float *y)
+{
+    if (model.storage != nullptr) {
+        model.storage->dense(model, w, b, x, n_in, n_out, floor, y);
+        return;
+    }
+    dense_of(static_cast<const float *>(w), b, x, n_in, n_out, floor, y);
 }
 
 } // namespace AMINN_CORE

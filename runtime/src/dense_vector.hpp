@@ -2,7 +2,13 @@
 #ifndef AMINN_SRC_DENSE_VECTOR_HPP
 #define AMINN_SRC_DENSE_VECTOR_HPP
 
-#include <type_traits>
+#if defined(__AVX2__)
+#include <immintrin.h>
+#elif defined(__SSE2__)
+#include <emmintrin.h>
+#elif defined(__aarch64__)
+#include <arm_neon.h>
+#endif
 
 #include "weights.hpp"
 
@@ -32,8 +38,42 @@ AMINN_INLINE void load(const float *w, AnyRegister &r)
 }
 #pragma GCC diagnostic pop
 
-template <class AnyRegister>
-AMINN_INLINE void load(const uint16_t *w, AnyRegister &r)
+#if defined(__SSE2__) // which gcc does not find by itself
+AMINN_INLINE void load(const int8_t *w, float __attribute__((vector_size(16))) & r)
+{
+    int32_t four = 0;
+    std::memcpy(&four, w, sizeof four);
+    const __m128i bytes = _mm_cvtsi32_si128(four);
+    const __m128i pairs = _mm_unpacklo_epi8(bytes, bytes);
+    r = _mm_cvtepi32_ps(_mm_srai_epi32(_mm_unpacklo_epi16(pairs, pairs), 24));
+}
+#endif
+#if defined(__AVX2__)
+AMINN_INLINE void load(const int8_t *w, float __attribute__((vector_size(32))) & r)
+{
+    r = _mm256_cvtepi32_ps(_mm256_cvtepi8_epi32(_mm_loadl_epi64(reinterpret_cast<const __m128i *>(w))));
+}
+#endif
+#if defined(__AVX512F__)
+AMINN_INLINE void load(const int8_t *w, float __attribute__((vector_size(64))) & r)
+{
+    constexpr __mmask16 kAll = 0xFFFF; // gcc warns of the intrinsics without a mask
+    const __m128i bytes = _mm_loadu_si128(reinterpret_cast<const __m128i *>(w));
+    r = _mm512_maskz_cvtepi32_ps(kAll, _mm512_maskz_cvtepi8_epi32(kAll, bytes));
+}
+#endif
+
+#if defined(__aarch64__) && !defined(__AARCH64EB__)
+AMINN_INLINE void load(const int8_t *w, float __attribute__((vector_size(16))) & r)
+{
+    uint32_t four = 0;
+    std::memcpy(&four, w, sizeof four);
+    r = vcvtq_f32_s32(vmovl_s16(vget_low_s16(vmovl_s8(vreinterpret_s8_u32(vdup_n_u32(four))))));
+}
+#endif
+
+template <class Weight, class AnyRegister>
+AMINN_INLINE void load(const Weight *w, AnyRegister &r)
 {
     float values[kLanes<AnyRegister>];
     for (int k = 0; k < kLanes<AnyRegister>; ++k) {
@@ -52,10 +92,12 @@ AMINN_INLINE void dense_block(const Weight *w, int step, const float *b, const f
     AnyRegister odd[kCount];
     AMINN_UNROLL_ROWS
     for (int k = 0; k < kCount; ++k) {
-        AnyRegister r;
-        load(b + place(k), r);
+        AnyRegister r = -AnyRegister{};
+        odd[k] = r;
+        if constexpr (!scaled<Weight>()) {
+            load(b + place(k), r);
+        }
         even[k] = r;
-        odd[k] = -AnyRegister{};
     }
     int i = 0;
     const auto add = [&](AnyRegister(&sums)[kCount], const Weight *row, float factor) {
@@ -77,6 +119,13 @@ AMINN_INLINE void dense_block(const Weight *w, int step, const float *b, const f
     AMINN_UNROLL_ROWS
     for (int k = 0; k < kCount; ++k) {
         even[k] = even[k] + odd[k];
+        if constexpr (scaled<Weight>()) { // as many numbers as the layer has outputs lie between two rows
+            AnyRegister size;
+            AnyRegister r;
+            load(b + step + place(k), size);
+            load(b + place(k), r);
+            even[k] = even[k] * size + r;
+        }
         even[k] = even[k] < floor ? AnyRegister{} : even[k];
         std::memcpy(y + place(k), &even[k], sizeof even[k]);
     }
@@ -114,18 +163,13 @@ template <class AnyRegister, class Weight>
     }
 }
 
-AMINN_INLINE float value_of(float w)
-{
-    return w;
-}
-
 // outputs that do not fill a register
 template <class Weight>
 [[gnu::noinline]] void dense_by_numbers(const Weight *w, const float *b, const float *x, int n_in, int n_out,
                                         float floor, float *y)
 {
     for (int at = 0; at < n_out; ++at) {
-        float even = b[at];
+        float even = first_of<Weight>(b + at);
         float odd = -0.0F;
         int i = 0;
         for (; i + 2 <= n_in; i += 2) {
@@ -135,8 +179,7 @@ template <class Weight>
         if (i < n_in) {
             even = even + value_of(w[i * n_out + at]) * x[i];
         }
-        const float sum = even + odd;
-        y[at] = sum < floor ? 0.0F : sum;
+        y[at] = finished<Weight>(even + odd, b + at, n_out, floor);
     }
 }
 
@@ -152,12 +195,17 @@ AMINN_INLINE void dense(const Weight *w, const float *b, const float *x, int n_i
     }
 }
 
-inline void dense(const void *w, uint32_t weight_type, const float *b, const float *x, int n_in, int n_out, float floor,
-                  float *y)
+inline void dense(const aminn_model_t &model, const void *w, const float *b, const float *x, int n_in, int n_out,
+                  float floor, float *y)
 {
-    if (weight_type == AMINN_WEIGHTS_FLOAT16) {
+    switch (model.weight_type) {
+    case AMINN_WEIGHTS_FLOAT16:
         dense(static_cast<const uint16_t *>(w), b, x, n_in, n_out, floor, y);
-    } else {
+        break;
+    case AMINN_WEIGHTS_INT8:
+        dense(static_cast<const int8_t *>(w), b, x, n_in, n_out, floor, y);
+        break;
+    default:
         dense(static_cast<const float *>(w), b, x, n_in, n_out, floor, y);
     }
 }

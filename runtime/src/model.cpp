@@ -1,5 +1,6 @@
 // Is a model complete and sane?
 #include "parts.hpp"
+#include "storage.hpp"
 #include "tables.hpp"
 
 namespace aminn {
@@ -45,8 +46,8 @@ static_assert(AMINN_DQ0_STATICS == 0 && AMINN_DQ0_INVERSE == 1, "the ways are co
 bool constants_ok(const aminn_model_t &m)
 {
     bool ok = m.name != nullptr && m.hand != nullptr && m.made_by != nullptr &&
-              m.weight_type <= AMINN_WEIGHTS_FLOAT16 && m.dq0 <= kLastDq0 &&
-              within(m.length_scale, kSmallestBits, kLargestBits) &&
+              m.weight_type == (m.storage != nullptr ? m.storage->weight_type : AMINN_WEIGHTS_FLOAT32) &&
+              m.dq0 <= kLastDq0 && within(m.length_scale, kSmallestBits, kLargestBits) &&
               within(m.displacement_log_scale, kSmallestBits, kLargestBits) && within(m.log_range, 0, kLargestBits) &&
               within(m.tau, 0, kOneBits);
     for (const float *v = &m.friction_nominal; v <= &m.max_rotation; ++v) {
@@ -67,15 +68,6 @@ bool constants_ok(const aminn_model_t &m)
     return ok;
 }
 
-bool all_finite16(const uint16_t *values, uint32_t n)
-{
-    bool ok = true;
-    for (uint32_t i = 0; i < n; ++i) {
-        ok = ok && (values[i] & 0x7C00u) != 0x7C00u;
-    }
-    return ok;
-}
-
 // Every table is there, all of it finite, and above zero where it must be. Of the mask, each number is 0 or 1, a branch
 // lacks its first coordinates, and those that there are are the joints.
 bool tables_ok(const aminn_model_t &m)
@@ -87,14 +79,12 @@ bool tables_ok(const aminn_model_t &m)
         if (table.numbers == nullptr && table.n != 0) {
             return false;
         }
-        if (table.size == sizeof(float)
-                ? !all_finite(static_cast<const float *>(table.numbers), static_cast<int>(table.n))
-                : !all_finite16(static_cast<const uint16_t *>(table.numbers), table.n)) {
+        const auto *numbers = static_cast<const float *>(table.numbers);
+        if (table.size == sizeof(float) ? !all_finite(numbers, static_cast<int>(table.n))
+                                        : !m.storage->sound(table.numbers, table.n)) {
             return false;
         }
-        if (info.kind == kPositive) {
-            signs |= signs_of(static_cast<const float *>(table.numbers), table.n);
-        }
+        signs |= signs_of(numbers + (table.n - table.positive), table.positive);
     }
     uint32_t wrong = 0;
     uint32_t joints = 0;

@@ -49,8 +49,7 @@ static void run_backbone(const aminn_model_t &model, const aminn_stage_model_t &
     const int h = static_cast<int>(model.width);
     float *contact = ctx.layer_in + AMINN_MAX_WIDTH; // behind what the layer writes
     normalise(ctx.contact_input, stage.contact_mean, stage.contact_inv_std, AMINN_N_CONTACT_INPUT, contact);
-    dense(stage.contact_w, model.weight_type, stage.contact_b, contact, AMINN_N_CONTACT_INPUT, hc, kRectified,
-          ctx.layer_in);
+    dense(model, stage.contact_w, stage.contact_b, contact, AMINN_N_CONTACT_INPUT, hc, kRectified, ctx.layer_in);
     const float *mean = stage.global_mean;
     const float *inv_std = stage.global_inv_std;
     float *global = ctx.layer_in + hc;
@@ -66,10 +65,10 @@ static void run_backbone(const aminn_model_t &model, const aminn_stage_model_t &
     const int sensed = static_cast<int>(model.n_sensed);
     normalise(ctx.varied->told, mean, inv_std, told, global);
     normalise(ctx.sensed, mean + told, inv_std + told, sensed, global + told);
-    dense(stage.trunk1_w, model.weight_type, stage.trunk1_b, ctx.layer_in, hc + AMINN_N_GLOBAL_INPUT + told + sensed, h,
-          kRectified, ctx.layer_out);
-    dense(stage.trunk2_w, model.weight_type, stage.trunk2_b, ctx.layer_out, h, h, kRectified, ctx.feature);
-    dense(stage.head_w, model.weight_type, stage.head_b, ctx.feature, h, AMINN_N_HEAD_STORED, kLinear, ctx.head);
+    dense(model, stage.trunk1_w, stage.trunk1_b, ctx.layer_in, hc + AMINN_N_GLOBAL_INPUT + told + sensed, h, kRectified,
+          ctx.layer_out);
+    dense(model, stage.trunk2_w, stage.trunk2_b, ctx.layer_out, h, h, kRectified, ctx.feature);
+    dense(model, stage.head_w, stage.head_b, ctx.feature, h, AMINN_N_HEAD_STORED, kLinear, ctx.head);
 }
 
 #if AMINN_N_SLIDE
@@ -117,9 +116,9 @@ static float classify(const aminn_model_t &model, const StaticsSummary &summary,
             in[i] = in[i] * fade;
         }
     }
-    dense(model.cls1_w, model.weight_type, model.cls1_b, ctx.feature, h + AMINN_N_AUX, hd, kRectified, ctx.layer_out);
+    dense(model, model.cls1_w, model.cls1_b, ctx.feature, h + AMINN_N_AUX, hd, kRectified, ctx.layer_out);
     float logit = 0.0F;
-    dense(model.cls2_w, model.weight_type, model.cls2_b, ctx.layer_out, hd, 1, kLinear, &logit);
+    dense(model, model.cls2_w, model.cls2_b, ctx.layer_out, hd, 1, kLinear, &logit);
     return sigmoid(logit);
 }
 
@@ -136,7 +135,7 @@ static bool doubt(const aminn_model_t &model, const StaticsSummary &summary, ami
 #endif
     normalise(aux, model.sure_mean, model.sure_inv_std, AMINN_N_SURE, ctx.feature + h);
     float found[2];
-    dense(model.sure_w, model.weight_type, model.sure_b, ctx.feature, h + AMINN_N_SURE, 2, kLinear, found);
+    dense(model, model.sure_w, model.sure_b, ctx.feature, h + AMINN_N_SURE, 2, kLinear, found);
     out.p_slide = sigmoid(found[0]);
     const float *factor = model.bound_factor;
     for (const float edge : model.bound_edge) {

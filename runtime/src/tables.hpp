@@ -26,19 +26,20 @@ constexpr unsigned kExtentBits = 10;
 
 enum Kind : uint8_t {
     kFloats = 0,
-    kWeights = 1,  // of the model's weight_type
-    kPositive = 2, // floats above zero
-    kTold = 4,     // the model's n_told more rows
-    kSees = 8,     // its n_told and n_sensed more rows
+    kWeights = 3,  // of the model's weight_type
+    kPositive = 4, // floats above zero
+    kSees = 8,     // the model's n_told and n_sensed more rows
+    kTold = 12,    // its n_told more rows
+    kBiases = 16,  // floats, and as many more above zero if the weights are int8
     kSeesWeights = kSees | kWeights,
 };
 
 struct TableInfo {
-    uint32_t place : 8;                 // of the pointer in aminn_model_t, in pointers
+    uint32_t place : 7;                 // of the pointer in aminn_model_t, in pointers
     uint32_t extents : 2 * kExtentBits; // rows, then columns unless that is one
-    uint32_t kind : 4;
+    uint32_t kind : 5;
 };
-static_assert(sizeof(aminn_model_t) / sizeof(void *) < 256, "a place has 8 bits");
+static_assert(sizeof(aminn_model_t) / sizeof(void *) < 128, "a place has 7 bits");
 static_assert(AMINN_N_HEAD_STORED < kContactWidth && AMINN_N_CONTACT_INPUT < kContactWidth, "an extent has 8 bits");
 static_assert((sizeof(aminn_known_answer_t) / sizeof(float)) < kContactWidth, "an extent has 8 bits");
 static_assert(1 + AMINN_N_STIFF < kContactWidth, "an extent has 8 bits: AMINN_N_STIFF");
@@ -52,12 +53,12 @@ static_assert(1 + AMINN_N_STIFF < kContactWidth, "an extent has 8 bits: AMINN_N_
         AMINN_TABLE(stage[i].global_mean, AMINN_N_GLOBAL_INPUT, 1, kSees),                                            \
         AMINN_TABLE(stage[i].global_inv_std, AMINN_N_GLOBAL_INPUT, 1, kSees),                                         \
         AMINN_TABLE(stage[i].contact_w, AMINN_N_CONTACT_INPUT, kContactWidth, kWeights),                              \
-        AMINN_TABLE(stage[i].contact_b, kContactWidth, 1, kFloats),                                                   \
+        AMINN_TABLE(stage[i].contact_b, kContactWidth, 1, kBiases),                                                   \
         AMINN_TABLE(stage[i].trunk1_w, kTrunkInput, kWidth, kSeesWeights),                                            \
-        AMINN_TABLE(stage[i].trunk1_b, kWidth, 1, kFloats), AMINN_TABLE(stage[i].trunk2_w, kWidth, kWidth, kWeights), \
-        AMINN_TABLE(stage[i].trunk2_b, kWidth, 1, kFloats),                                                           \
+        AMINN_TABLE(stage[i].trunk1_b, kWidth, 1, kBiases), AMINN_TABLE(stage[i].trunk2_w, kWidth, kWidth, kWeights), \
+        AMINN_TABLE(stage[i].trunk2_b, kWidth, 1, kBiases),                                                           \
         AMINN_TABLE(stage[i].head_w, kWidth, AMINN_N_HEAD_STORED, kWeights),                                          \
-        AMINN_TABLE(stage[i].head_b, AMINN_N_HEAD_STORED, 1, kFloats)
+        AMINN_TABLE(stage[i].head_b, AMINN_N_HEAD_STORED, 1, kBiases)
 
 inline constexpr TableInfo kTables[] = {
     // one copy, whoever walks it
@@ -83,13 +84,13 @@ inline constexpr TableInfo kTables[] = {
     AMINN_TABLE(aux_mean, AMINN_N_AUX, 1, kFloats),
     AMINN_TABLE(aux_inv_std, AMINN_N_AUX, 1, kFloats),
     AMINN_TABLE(cls1_w, kClassifierInput, kClassifierWidth, kWeights),
-    AMINN_TABLE(cls1_b, kClassifierWidth, 1, kFloats),
+    AMINN_TABLE(cls1_b, kClassifierWidth, 1, kBiases),
     AMINN_TABLE(cls2_w, kClassifierWidth, 1, kWeights),
-    AMINN_TABLE(cls2_b, 1, 1, kFloats),
+    AMINN_TABLE(cls2_b, 1, 1, kBiases),
     AMINN_TABLE(sure_mean, AMINN_N_SURE, 1, kFloats),
     AMINN_TABLE(sure_inv_std, AMINN_N_SURE, 1, kFloats),
     AMINN_TABLE(sure_w, kSureInput, 2, kWeights),
-    AMINN_TABLE(sure_b, 2, 1, kFloats),
+    AMINN_TABLE(sure_b, 2, 1, kBiases),
     AMINN_TABLE(known_answer, sizeof(aminn_known_answer_t) / sizeof(float), 1, kFloats),
 };
 
@@ -101,7 +102,8 @@ static_assert(offsetof(aminn_model_t, width) - offsetof(aminn_model_t, contact_w
 struct Table {
     const void *numbers;
     uint32_t n;
-    uint32_t size; // of a number, bytes
+    uint32_t size;     // of a number, bytes
+    uint32_t positive; // of them, the last ones: floats that must be above zero
 };
 
 // The widths in the model must be set.
@@ -110,8 +112,8 @@ struct Table {
     std::memcpy(&table.numbers, reinterpret_cast<const char *>(&m) + info.place * sizeof(void *), sizeof(void *));
     uint32_t n = 1;
     uint32_t extents = info.extents;
-    uint32_t width = (info.kind & (kTold | kSees)) != 0 ? m.n_told : 0u;
-    width += (info.kind & kSees) != 0 ? m.n_sensed : 0u;
+    uint32_t width = (info.kind & kSees) != 0 ? m.n_told : 0u;
+    width += (info.kind & kTold) == kSees ? m.n_sensed : 0u;
     do {
         const uint32_t which = extents / kContactWidth % 4;
         if (which != 0) {
@@ -124,8 +126,13 @@ struct Table {
         width = 0;
         extents >>= kExtentBits;
     } while (extents != 0);
+    table.positive = info.kind == kPositive ? n : 0u;
+    if (info.kind == kBiases && m.weight_type == AMINN_WEIGHTS_INT8) {
+        table.positive = n;
+        n += n;
+    }
     table.n = n;
-    table.size = sizeof(float) >> (info.kind & m.weight_type);
+    table.size = sizeof(float) >> (info.kind & kWeights & m.weight_type);
 }
 
 // Each table of a blob begins at a multiple of this, counted from the blob's start: a row of weights then lies in as few

@@ -17,12 +17,14 @@ from aminn.data.dataset import load_dataset, split_of
 from aminn.model.checkpoint import load_checkpoint
 from aminn_base.errors import AminnError
 from aminn_export.export import export
-from aminn_export.files.bin_model import read_bin_model
+from aminn_export.files.bin_model import bin_model_bytes, read_bin_model
 from aminn_export.files.c_names import check_prefix
-from aminn_export.files.layout import tensor_order
+from aminn_export.files.layout import in_steps, layout_of, of_steps, tensor_order
 from aminn_export.files.onnx_model import read_metadata
 from aminn_export.files.tables import dims_of
-from aminn_export.judge.weights import float16_model
+from aminn_export.judge.verify import check_golden
+from aminn_export.judge.weights import ROUNDED, rounding_error
+from aminn_export.samples.golden import inputs_of
 from aminn_export.samples.vectors import read_vectors
 
 FILES = {"aminn_hand.h", "aminn.onnx", "aminn_debug.onnx", "left.c", "left.h", "left.bin", "golden.bin"}
@@ -184,11 +186,59 @@ def test_float16_weights_halve_the_tables_and_say_what_they_cost(
     assert half.meta["weights"] == "float16"
 
 
+def test_int8_weights_quarter_the_tables_and_say_what_they_cost(
+    checkpoint_dir: Path, data_dir: Path, tmp_path: Path
+) -> None:
+    lines = export(checkpoint_dir, tmp_path / "byte", data_dir=data_dir, weights="int8")
+    export(checkpoint_dir, tmp_path / "full", data_dir=data_dir)
+    byte, full = (read_bin_model(tmp_path / name / "aminn_model.bin") for name in ("byte", "full"))
+    dataset = load_dataset(data_dir)
+    validation = dataset.split("validation")
+    error = rounding_error(full, byte, inputs_of(validation, full))
+    assert f"int8 weights change dx_ht by {error['dx_relative_median']:.1e}" in lines[-1]
+    assert f"of {len(validation)} decisions on validation samples" in lines[-1] and len(validation) < len(dataset)
+    assert 0 < error["dx_relative_median"] < 0.05 and error["p_stable_median"] < 0.05
+    sizes = [(tmp_path / name / "aminn_model.bin").stat().st_size for name in ("byte", "full")]
+    assert sizes[0] < 0.36 * sizes[1]
+    for name, value in full.tensors.items():
+        if name.endswith("_w"):
+            step = np.abs(value).max(1, keepdims=True) / 127
+            assert (np.abs(byte.tensors[name] - value) <= 0.501 * step).all()
+        else:
+            np.testing.assert_array_equal(byte.tensors[name], value)
+    assert byte.meta["weights"] == "int8"
+    assert check_golden(tmp_path / "byte", byte) == []  # the graph has the same weights, and so has the oracle
+    assert bin_model_bytes(byte) == (tmp_path / "byte" / "aminn_model.bin").read_bytes()
+
+
+def test_steps_of_int8_weights_are_exact_and_to_nearest() -> None:
+    rng = np.random.default_rng(0)
+    rows = [np.zeros(9), np.full(9, 1e-40), np.r_[np.arange(8) + 0.5, 127.0], *rng.normal(size=(40, 9))]
+    value = np.array(rows, np.float32) * np.float32(1.0)
+    steps, size = in_steps(value)
+    rounded = of_steps(steps, size)
+    assert (steps[:2] == 0).all() and (size[:3] == 1).all()
+    np.testing.assert_array_equal(steps[2], [0, 2, 2, 4, 4, 6, 6, 8, 127])  # ties to even
+    assert (np.abs(steps[2:].astype(int)).max(1) == 127).all()
+    np.testing.assert_array_equal(rounded, steps.astype(np.float64) * size.astype(np.float64)[:, None])
+    again, same = in_steps(rounded)
+    np.testing.assert_array_equal(again, steps)
+    np.testing.assert_array_equal(same, size)
+
+
+@pytest.mark.parametrize("weights", ["float16", "int8"])
+def test_weights_that_were_not_rounded_are_refused(weights: str) -> None:
+    model = random_model(2, widths=(4, 5, 6))
+    model.meta["weights"] = weights
+    with pytest.raises(AminnError, match=f"contact_w is not representable in {weights}; round it first"):
+        layout_of(model)
+
+
 def test_a_weight_too_large_for_float16_is_refused() -> None:
     model = random_model(2, widths=(4, 5, 6))
     model.tensors["s2.trunk1_w"][0, 0] = 7e4
     with pytest.raises(AminnError, match=r"s2\.trunk1_w holds a weight beyond 65504"):
-        float16_model(model)
+        ROUNDED["float16"](model)
 
 
 def test_ranges_come_from_the_training_split(checkpoint_dir: Path, data_dir: Path, tmp_path: Path) -> None:

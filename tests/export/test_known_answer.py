@@ -56,7 +56,7 @@ def test_the_module_refuses_what_is_no_model_and_rows_of_another_length() -> Non
 
 
 def test_every_exported_model_passes_its_self_test(checkpoint_dir: Path, data_dir: Path, tmp_path: Path) -> None:
-    for weights in ("float32", "float16"):
+    for weights in ("float32", "float16", "int8"):
         for data in (None, data_dir):
             export(checkpoint_dir, tmp_path / f"{weights}{data is None}", data_dir=data, weights=weights)
             assert status_of((tmp_path / f"{weights}{data is None}" / "aminn_model.bin").read_bytes()) == "AMINN_OK"

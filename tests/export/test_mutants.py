@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mutant_plan import HALF, plan_of
+from mutant_plan import PLACE, plan_of
 from numpy.typing import NDArray
 from runtime_models import random_inputs, random_model
 
@@ -123,7 +123,11 @@ def with_element_changed(model: Exported, name: str, i: int) -> BinModel:
 # --- models ---------------------------------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("model", "golden_file", "what"),
-    [("aminn_model.bin", "golden.bin", "reference"), ("half_blob.bin", "half_golden.bin", "float16")],
+    [
+        ("aminn_model.bin", "golden.bin", "reference"),
+        ("half_blob.bin", "half_golden.bin", "float16"),
+        ("byte_blob.bin", "byte_golden.bin", "int8"),
+    ],
 )
 def test_every_number_of_a_model(
     program: Path, tmp_path: Path, trust: Trust, model: str, golden_file: str, what: str
@@ -153,7 +157,7 @@ def test_every_number_of_a_model(
 
 def _same_content(blob: bytes, place: int) -> bool:
     """Whether the content's CRC-32 stays when the number at a place of the plan is changed."""
-    at, changed = place & ~HALF, bytearray(blob)
+    at, changed = place & PLACE, bytearray(blob)
     changed[at + 1] ^= 0x40
     return zlib.crc32(changed[CONTENT:]) == zlib.crc32(blob[CONTENT:])
 

@@ -5476,7 +5476,7 @@ static const aminn_known_answer_t aminn_model_known_answer = {
 };
 
 const aminn_model_t aminn_model = {
-    .format_version = 9u,
+    .format_version = 10u,
     .content_crc = 0x0fb26c4cu,
     .n_branch = 3u,
     .n_coord = 3u,

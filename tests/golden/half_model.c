@@ -2550,7 +2550,7 @@ static const aminn_known_answer_t half_model_known_answer = {
 };
 
 const aminn_model_t half_model = {
-    .format_version = 9u,
+    .format_version = 10u,
     .content_crc = 0xb44ecc9fu,
     .n_branch = 3u,
     .n_coord = 3u,
@@ -2612,6 +2612,7 @@ const aminn_model_t half_model = {
     .sure_w = half_model_sure_w,
     .sure_b = half_model_sure_b,
     .known_answer = &half_model_known_answer,
+    .storage = &aminn_storage_float16,
     .stage = {{
         .eps_kx = 0x1.0624dep-10f,
         .eps_jq = 0x1.0624dep-10f,

@@ -719,7 +719,7 @@ static const aminn_known_answer_t tiny_model_known_answer = {
 };
 
 const aminn_model_t tiny_model = {
-    .format_version = 9u,
+    .format_version = 10u,
     .content_crc = 0x5a3f8501u,
     .n_branch = 3u,
     .n_coord = 3u,
@@ -781,6 +781,7 @@ const aminn_model_t tiny_model = {
     .sure_w = tiny_model_sure_w,
     .sure_b = tiny_model_sure_b,
     .known_answer = &tiny_model_known_answer,
+    .storage = NULL,
     .stage = {{
         .eps_kx = 0x1.0624dep-10f,
         .eps_jq = 0x1.0624dep-10f,

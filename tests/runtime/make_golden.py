@@ -1,4 +1,4 @@
-"""Write the small models of the runtime's tests (random weights, other widths, "inverse", float16) into tests/golden.
+"""Write small models for tests of the runtime (random weights, other widths, "inverse", float16, int8) to tests/golden.
 
 `make golden` runs it, and puts the trained reference model beside them.
 Its reference outputs are the float64 oracle's. Deterministic: running it again changes nothing.
@@ -14,7 +14,7 @@ from runtime_models import random_inputs, random_model
 from aminn_export.files.bin_model import model_crc, write_bin_model
 from aminn_export.files.c_model import write_c_model
 from aminn_export.files.tables import Exported
-from aminn_export.judge.weights import float16_model
+from aminn_export.judge.weights import ROUNDED
 from aminn_export.samples.reference import Reference
 from aminn_export.samples.vectors import write_vectors
 from aminn_hand.hand import OUTPUTS
@@ -39,11 +39,12 @@ def main() -> None:
     tiny = random_model(7, widths=(5, 9, 7), dq0="inverse")
     write_c_model(tiny, args.out, "tiny_model")
     write_golden(tiny, args.out / "tiny_golden.bin", 48, 11)
-    half = float16_model(random_model(3, widths=(28, 33, 17)))
-    half.meta["name"] = "half_model"
-    write_c_model(half, args.out, "half_model")
-    write_bin_model(half, args.out / "half_blob.bin")
-    write_golden(half, args.out / "half_golden.bin", 48, 12)
+    for name, weights, seed, widths in (("half", "float16", 3, (28, 33, 17)), ("byte", "int8", 4, (11, 18, 7))):
+        rounded = ROUNDED[weights](random_model(seed, widths=widths))
+        rounded.meta["name"] = f"{name}_model"
+        write_c_model(rounded, args.out, f"{name}_model")
+        write_bin_model(rounded, args.out / f"{name}_blob.bin")
+        write_golden(rounded, args.out / f"{name}_golden.bin", 48, 9 + seed)
     print(f"Written to {args.out}")
 
 

@@ -10,8 +10,10 @@ from aminn_export.files.packing import room
 from aminn_export.files.tables import Exported
 from aminn_rt.blob import BODY, HEAD
 
-HALF = 1 << 31
-"""Set in the plan's word of a float16."""
+KINDS = {4: 0, 2: 1 << 31, 1: 1 << 30}
+"""Bytes of a number -> what is set in the plan's word: of a float32, a float16, an int8."""
+PLACE = (1 << 30) - 1
+"""Of the plan's word, where the number lies."""
 SCALARS_AT, STAGE_SCALARS_AT = 68, 148
 
 
@@ -24,7 +26,7 @@ def plan_of(exported: Exported) -> tuple[NDArray[np.uint32], NDArray[np.str_]]:
     at = HEAD.size + BODY.size
     for table in layout.tables:
         size = table.values.dtype.itemsize
-        offsets += [(at + size * i) | (HALF if size == 2 else 0) for i in range(table.values.size)]
+        offsets += [(at + size * i) | KINDS[size] for i in range(table.values.size)]
         names += ["_".join(filter(None, (table.owner, table.field)))] * table.values.size
         at += room(size * table.values.size)
     return np.array(offsets, np.uint32), np.array(names)

@@ -4,7 +4,7 @@
  *   mutants MODEL.bin VECTORS.bin PLAN OUTCOMES [ROWS]
  *
  * PLAN holds a u32 a mutant: the offset in the blob of what is multiplied by 1.5 (a zero becomes 0.5), with the highest bit set
- * where it is a float16. OUTCOMES gets a byte a mutant, as below. ROWS gets the results of each that ran: n rows and n
+ * where it is a float16, the next one where it is an int8. OUTCOMES gets a byte a mutant, as below. ROWS gets the results of each that ran: n rows and n
  * statuses. The length and CRC-32 of a changed header are right: the model is as valid as it can be.
  */
 #include <stdio.h>
@@ -17,6 +17,7 @@
 enum { SAME_BITS = 0, OTHER_BITS = 1, BEYOND_LIMITS = 2, REFUSED = 3, HEADER = 320, CRC = 12, BODY = 16 };
 
 #define HALF 0x80000000u
+#define BYTE 0x40000000u
 
 static uint32_t bigger_half(uint32_t half)
 {
@@ -24,9 +25,17 @@ static uint32_t bigger_half(uint32_t half)
     return (half & 0x7FFFu) == 0 ? half | 0x3800u : (half & 0x7C00u) >= 0x7800u ? half ^ 0x8000u : half + 0x200u;
 }
 
-static void change(uint8_t *place, int half)
+static int bigger_byte(int steps)
 {
-    if (half) {
+    const int away = steps < 0 ? -1 : 1;
+    return steps == 0 ? 64 : steps * away > 84 ? -steps - away * (steps < -127) : steps + steps / 2 + away;
+}
+
+static void change(uint8_t *place, uint32_t kind)
+{
+    if (kind == BYTE) {
+        *place = (uint8_t)bigger_byte((int8_t)*place);
+    } else if (kind == HALF) {
         uint16_t value;
         memcpy(&value, place, sizeof value);
         value = (uint16_t)bigger_half(value);
@@ -94,11 +103,11 @@ int main(int argc, char **argv)
         die("%s: cannot write", argv[5]);
     }
     for (i = 0; i < plan_size; ++i) {
-        const uint32_t offset = plan[i] & ~HALF;
+        const uint32_t offset = plan[i] & ~(HALF | BYTE);
         uint8_t *place = blob + offset;
         uint8_t before[4];
         memcpy(before, place, sizeof before);
-        change(place, (plan[i] & HALF) != 0);
+        change(place, plan[i] & (HALF | BYTE));
         model = original;
         if ((offset < HEADER && !reopen(blob, size, &model)) || !predict(&model, vectors, rows, statuses)) {
             outcomes[i] = REFUSED;

@@ -163,9 +163,19 @@ static void damage_anywhere_is_found(void)
 /* a blob with a right CRC but a content that this runtime cannot use */
 static void a_sealed_blob_is_checked_too(void)
 {
-    enum { OFFSET_N_BRANCH = 20, OFFSET_WIDTH = 72, OFFSET_DQ0 = 80, OFFSET_EPS_KX = 212 };
+    enum { OFFSET_N_BRANCH = 20, OFFSET_WIDTH = 72, OFFSET_DQ0 = 80, OFFSET_WEIGHT_TYPE = 84, OFFSET_EPS_KX = 212 };
     const uint32_t nan_bits = 0x7FC00000u;
+    uint32_t type;
     size_t dim;
+    for (type = 3; type != 0; type *= 4) { /* no such type, not even one whose tables had these lengths */
+        put_u32(OFFSET_WEIGHT_TYPE, type);
+        seal();
+        assert_refused(AMINN_E_MODEL, blob, size);
+    }
+    put_u32(OFFSET_WEIGHT_TYPE, AMINN_WEIGHTS_INT8); /* and one that has others */
+    seal();
+    assert_refused(AMINN_E_SIZE, blob, size);
+    put_u32(OFFSET_WEIGHT_TYPE, AMINN_WEIGHTS_FLOAT32);
     for (dim = 0; dim < 12; ++dim) {
         const size_t at = OFFSET_N_BRANCH + 4 * dim;
         const uint32_t kept = get_u32(at);

@@ -1,5 +1,6 @@
 /* calibrate.cpp, theta_name.cpp: theta makes the tables that it should, contexts use them, nominal is as without one */
 #include "aminn_model.h"
+#include "byte_model.h"
 #include "half_model.h"
 #include "support.h"
 #include "tiny_model.h"
@@ -38,7 +39,7 @@ static aminn_output_t predicted(const aminn_input_t *in)
 
 static void nominal_is_as_without_a_calibration(void)
 {
-    static const aminn_model_t *const models[] = {&aminn_model, &half_model, &tiny_model};
+    static const aminn_model_t *const models[] = {&aminn_model, &half_model, &byte_model, &tiny_model};
     static const float zeros[AMINN_N_THETA];
     const aminn_input_t in = good_input();
     size_t k;

@@ -1,4 +1,6 @@
-/* dense.hpp: layers of every width and both types of weights give the bits of the plain loop, at all blocks' edges */
+/* dense.hpp: layers of every width and every type of weights give the bits of the plain loop, at all blocks' edges */
+#include <initializer_list>
+
 #include "dense.hpp"
 
 #include "unity.h"
@@ -9,6 +11,7 @@ enum { MAX_IN = 7, MAX_OUT = 130 };
 
 static float weights[MAX_IN * MAX_OUT], bias[MAX_OUT], x[MAX_IN];
 static uint16_t half[MAX_IN * MAX_OUT];
+static int8_t steps[MAX_IN * MAX_OUT];
 
 extern "C" void setUp(void)
 {
@@ -25,6 +28,7 @@ extern "C" void setUp(void)
     }
     for (int i = 0; i < MAX_IN * MAX_OUT; ++i) {
         half[i] = static_cast<uint16_t>(i % 3 == 0 ? 0xB8A3 + i % 512 : 0x3411 + i % 900); /* -0.58 .., 0.25 .. */
+        steps[i] = static_cast<int8_t>(i * 7 % 256 - 128);
         weights[i] = random();
     }
 }
@@ -33,26 +37,43 @@ extern "C" void tearDown(void)
 {
 }
 
-static float expected(const float *w, int n_in, int n_out, int output, float floor)
+template <class Weight>
+static float sum_of(const Weight *w, float even, int n_in, int n_out, int output)
 {
-    float even = bias[output], odd = 0.0F;
+    float odd = -0.0F;
     for (int i = 0; i < n_in; ++i) {
         float &sum = i % 2 == 0 ? even : odd;
-        sum = sum + w[i * n_out + output] * x[i];
+        sum = sum + static_cast<float>(w[i * n_out + output]) * x[i];
     }
-    return even + odd < floor ? 0.0F : even + odd;
+    return even + odd;
+}
+
+static aminn_model_t model_of(uint32_t type)
+{
+    aminn_model_t model = {};
+    model.weight_type = type;
+    model.storage = type == AMINN_WEIGHTS_FLOAT16 ? &aminn_storage_float16
+                    : type == AMINN_WEIGHTS_INT8  ? &aminn_storage_int8
+                                                  : nullptr;
+    return model;
+}
+
+template <class Expected>
+static void check(const void *w, uint32_t type, const float *b, int n_in, int n_out, float floor, Expected expected)
+{
+    float y[MAX_OUT + 1];
+    y[n_out] = -7.0F; /* nothing is written behind the outputs */
+    dense(model_of(type), w, b, x, n_in, n_out, floor, y);
+    for (int i = 0; i < n_out; ++i) {
+        const float sum = expected(i), value = sum < floor ? 0.0F : sum;
+        TEST_ASSERT_EQUAL_MEMORY(&value, &y[i], sizeof value);
+    }
+    TEST_ASSERT_EQUAL_FLOAT(-7.0F, y[n_out]);
 }
 
 static void check(const void *w, uint32_t type, const float *same, int n_in, int n_out, float floor)
 {
-    float y[MAX_OUT + 1];
-    y[n_out] = -7.0F; /* nothing is written behind the outputs */
-    dense(w, type, bias, x, n_in, n_out, floor, y);
-    for (int i = 0; i < n_out; ++i) {
-        const float value = expected(same, n_in, n_out, i, floor);
-        TEST_ASSERT_EQUAL_MEMORY(&value, &y[i], sizeof value);
-    }
-    TEST_ASSERT_EQUAL_FLOAT(-7.0F, y[n_out]);
+    check(w, type, bias, n_in, n_out, floor, [=](int i) { return sum_of(same, bias[i], n_in, n_out, i); });
 }
 
 static void every_width_gives_the_same_bits(void)
@@ -76,11 +97,29 @@ static void half_weights_are_those_numbers(void)
     }
 }
 
+/* steps are added up, then scaled, then comes the bias */
+static void int8_weights_are_steps(void)
+{
+    static float both[2 * MAX_OUT]; /* biases, and the sizes of steps behind them */
+    for (int n_in = 1; n_in <= MAX_IN; ++n_in) {
+        for (int n_out = 1; n_out <= MAX_OUT; ++n_out) {
+            for (int i = 0; i < n_out; ++i) {
+                both[i] = bias[i];
+                both[n_out + i] = 1e-3F * static_cast<float>(i + 1);
+            }
+            for (const float floor : {kLinear, kRectified}) {
+                check(steps, AMINN_WEIGHTS_INT8, both, n_in, n_out, floor,
+                      [=](int i) { return sum_of(steps, -0.0F, n_in, n_out, i) * both[n_out + i] + both[i]; });
+            }
+        }
+    }
+}
+
 static void what_is_no_number_stays(void)
 {
     float y[MAX_OUT];
     x[2] = NAN;
-    dense(weights, AMINN_WEIGHTS_FLOAT32, bias, x, MAX_IN, MAX_OUT, kRectified, y);
+    dense(model_of(AMINN_WEIGHTS_FLOAT32), weights, bias, x, MAX_IN, MAX_OUT, kRectified, y);
     for (const float value : y) {
         TEST_ASSERT_FLOAT_IS_NAN(value);
     }
@@ -101,6 +140,7 @@ int main(void)
     UNITY_BEGIN();
     RUN_TEST(every_width_gives_the_same_bits);
     RUN_TEST(half_weights_are_those_numbers);
+    RUN_TEST(int8_weights_are_steps);
     RUN_TEST(what_is_no_number_stays);
     return UNITY_END();
 }

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 
 #include "aminn_model.h"
+#include "byte_model.h"
 #include "half_model.h"
 #include "support.h"
 #include "tiny_model.h"
@@ -170,16 +171,16 @@ static void the_second_model_agrees(void)
     free_golden(&g);
 }
 
-/* weights of 2 bytes, as C tables and as a blob */
-static void float16_weights_agree(void)
+/* as C tables and as a blob */
+static void assert_both_agree(const char *name, const aminn_model_t *compiled, const char *blob_file,
+                              const char *golden)
 {
-    golden_t g = load_golden(GOLDEN_DIR "/half_golden.bin");
+    golden_t g = load_golden(golden);
     static aminn_t other;
     aminn_model_t model;
     size_t size = 0;
-    void *blob = load_file(GOLDEN_DIR "/half_blob.bin", &size);
-    TEST_ASSERT_EQUAL_UINT32(AMINN_WEIGHTS_FLOAT16, half_model.weight_type);
-    assert_parity("half_model.c against float64", &half_model, &g, 1);
+    void *blob = load_file(blob_file, &size);
+    assert_parity(name, compiled, &g, 1);
     TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_model_from_blob(blob, size, &model));
     TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&other, &model, AMINN_FLAG_ALWAYS_STAGE2));
     assert_same_predictions(&ctx, &other, &g);
@@ -187,10 +188,25 @@ static void float16_weights_agree(void)
     free_golden(&g);
 }
 
+static void float16_weights_agree(void)
+{
+    TEST_ASSERT_EQUAL_UINT32(AMINN_WEIGHTS_FLOAT16, half_model.weight_type);
+    assert_both_agree("half_model.c against float64", &half_model, GOLDEN_DIR "/half_blob.bin",
+                      GOLDEN_DIR "/half_golden.bin");
+}
+
+static void int8_weights_agree(void)
+{
+    TEST_ASSERT_EQUAL_UINT32(AMINN_WEIGHTS_INT8, byte_model.weight_type);
+    assert_both_agree("byte_model.c against float64", &byte_model, GOLDEN_DIR "/byte_blob.bin",
+                      GOLDEN_DIR "/byte_golden.bin");
+}
+
 int main(void)
 {
     UNITY_BEGIN();
     RUN_TEST(float16_weights_agree);
+    RUN_TEST(int8_weights_agree);
     RUN_TEST(the_compiled_model_agrees);
     RUN_TEST(the_blob_gives_the_same_bits);
     RUN_TEST(the_second_model_agrees);

@@ -1,5 +1,6 @@
 /* model.cpp: aminn_model_check refuses what it cannot use */
 #include "aminn_model.h"
+#include "byte_model.h"
 #include "half_model.h"
 #include "support.h"
 
@@ -166,8 +167,38 @@ static void a_float16_weight_that_is_no_number_is_refused(void)
     weights[0] = 0;
     weights[n - 1] = 0xFE00u; /* NaN */
     TEST_ASSERT_EQUAL_INT(AMINN_E_MODEL, aminn_model_check(&half));
-    half.weight_type = 2;
-    TEST_ASSERT_EQUAL_INT(AMINN_E_MODEL, aminn_model_check(&half));
+}
+
+/* behind the biases */
+static void a_size_of_int8_steps_that_is_not_above_zero_is_refused(void)
+{
+    static const float wrong[] = {0.0F, -0.0F, -1.0F, NAN, INFINITY, -INFINITY};
+    const uint32_t h = byte_model.width;
+    size_t i;
+    model = byte_model;
+    REFUSED(AMINN_OK);
+    for (i = 0; i < sizeof wrong / sizeof wrong[0]; ++i) {
+        REFUSED_VALUE(stage[0].trunk1_b, 2 * h, h, wrong[i]);
+        REFUSED_VALUE(stage[1].head_b, 2 * AMINN_N_HEAD_STORED, 2 * AMINN_N_HEAD_STORED - 1, wrong[i]);
+        REFUSED_VALUE(cls2_b, 2, 1, wrong[i]);
+    }
+    REFUSED_VALUE(sure_b, 4, 1, NAN); /* a bias */
+}
+
+static void a_type_of_weights_that_is_not_the_storages_is_refused(void)
+{
+    const aminn_model_t *const models[] = {&aminn_model, &half_model, &byte_model};
+    uint32_t i, type;
+    for (i = 0; i < 3; ++i) {
+        model = *models[i];
+        for (type = 0; type < 4; ++type) {
+            model.weight_type = type;
+            REFUSED(type == models[i]->weight_type ? AMINN_OK : AMINN_E_MODEL);
+        }
+        model = *models[i];
+        model.storage = models[(i + 1) % 3]->storage;
+        REFUSED(AMINN_E_MODEL);
+    }
 }
 
 static void constants_out_of_range_are_refused(void)
@@ -232,6 +263,8 @@ int main(void)
     RUN_TEST(a_missing_table_is_refused);
     RUN_TEST(a_weight_that_is_no_number_is_refused);
     RUN_TEST(a_float16_weight_that_is_no_number_is_refused);
+    RUN_TEST(a_size_of_int8_steps_that_is_not_above_zero_is_refused);
+    RUN_TEST(a_type_of_weights_that_is_not_the_storages_is_refused);
     RUN_TEST(constants_out_of_range_are_refused);
     RUN_TEST(a_mask_that_is_not_the_hands_is_refused);
     return UNITY_END();

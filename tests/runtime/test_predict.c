@@ -1,5 +1,6 @@
 /* predict.cpp: context, the two predict functions, the cascade, the debug view */
 #include "aminn_model.h"
+#include "byte_model.h"
 #include "support.h"
 
 static aminn_t ctx;
@@ -299,6 +300,67 @@ static void a_load_of_any_size_gives_an_error_or_a_probability(void)
     TEST_ASSERT_GREATER_THAN_INT(0, refused);
 }
 
+static uint32_t random_word(void)
+{
+    static uint32_t state = 1;
+    state = state * 1664525u + 1013904223u;
+    return state >> 8;
+}
+
+static float random_between(float low, float high)
+{
+    return low + (high - low) * (float)random_word() / 16777216.0F;
+}
+
+/* any weights, and any bias and size of steps of the head: networks of any answer */
+static void the_load_gives_its_energy_to_the_grasp_whatever_int8_weights(void)
+{
+    enum { MODELS = 40, LARGEST = 64 * 64 };
+    static int8_t weights[2 * LARGEST];
+    static float head[AMINN_N_STAGE][2 * AMINN_N_HEAD_STORED];
+    golden_t g = load_golden(GOLDEN_DIR "/byte_golden.bin");
+    const uint32_t h = byte_model.width, hc = byte_model.contact_width;
+    uint32_t s, slid = 0;
+    int round, i, k;
+    TEST_ASSERT_TRUE(h * AMINN_N_HEAD_STORED <= LARGEST && AMINN_N_CONTACT_INPUT * hc <= LARGEST);
+    for (round = 0; round < MODELS; ++round) {
+        aminn_model_t model = byte_model;
+        const float size = powf(10.0F, random_between(-5.0F, 0.0F));
+        for (i = 0; i < 2 * LARGEST; ++i) {
+            weights[i] = (int8_t)(random_word() % 256);
+        }
+        for (i = 0; i < AMINN_N_STAGE; ++i) {
+            model.stage[i].contact_w = weights + random_word() % LARGEST;
+            model.stage[i].trunk1_w = weights + random_word() % LARGEST;
+            model.stage[i].trunk2_w = weights + random_word() % LARGEST;
+            model.stage[i].head_w = weights + random_word() % LARGEST;
+            for (k = 0; k < AMINN_N_HEAD_STORED; ++k) {
+                head[i][k] = random_between(-3.0F, 3.0F);
+                head[i][AMINN_N_HEAD_STORED + k] = random_between(0.1F, 1.0F) * size;
+            }
+            model.stage[i].head_b = head[i];
+        }
+        TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &model, AMINN_FLAG_ALWAYS_STAGE2 | AMINN_FLAG_DEBUG));
+        for (s = 0; s < g.n; ++s) {
+            TEST_ASSERT_EQUAL_INT(AMINN_OK, predict_golden(&ctx, &g, s, &out));
+            for (i = 0; i < AMINN_N_STAGE; ++i) {
+                const aminn_stage_debug_t *stage = aminn_debug(&ctx, i);
+                double work = 0;
+                for (k = 0; k < AMINN_N_WRENCH; ++k) {
+                    work += (double)g.inputs[s].w_e[k] * (double)stage->dx[k];
+                    TEST_ASSERT_TRUE(stage->k_x[k][k] > 0.0F);
+                }
+                TEST_ASSERT_TRUE(work >= 0.0);
+                for (k = 0; k < AMINN_N_BRANCH; ++k) {
+                    slid += stage->slide[k] > 0.0F;
+                }
+            }
+        }
+    }
+    TEST_ASSERT_TRUE(slid > 0);
+    free_golden(&g);
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -318,5 +380,6 @@ int main(void)
     RUN_TEST(the_debug_view_shows_stage_2s_outputs);
     RUN_TEST(a_tool_out_of_reach_gives_an_error_or_a_sound_prediction);
     RUN_TEST(a_load_of_any_size_gives_an_error_or_a_probability);
+    RUN_TEST(the_load_gives_its_energy_to_the_grasp_whatever_int8_weights);
     return UNITY_END();
 }

@@ -7,6 +7,7 @@
 #endif
 
 #include "aminn_model.h"
+#include "byte_model.h"
 #include "half_model.h"
 #include "support.h"
 #include "tiny_model.h"
@@ -28,7 +29,7 @@ void tearDown(void)
 
 static void every_model_passes(void)
 {
-    const aminn_model_t *models[] = {&aminn_model, &half_model, &tiny_model};
+    const aminn_model_t *models[] = {&aminn_model, &half_model, &byte_model, &tiny_model};
     size_t i;
     for (i = 0; i < sizeof models / sizeof models[0]; ++i) {
         TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, models[i], 0));
@@ -172,6 +173,14 @@ static void a_flipped_bit_of_a_float16_weight_is_found(void)
     FLIPPED(stage[1].trunk2_w, uint16_t, model.width *model.width);
 }
 
+static void a_flipped_bit_of_an_int8_weight_or_of_the_size_of_its_steps_is_found(void)
+{
+    model = byte_model;
+    FLIPPED(stage[0].head_w, int8_t, (size_t)model.width *AMINN_N_HEAD_STORED);
+    FLIPPED(stage[1].trunk2_b, float, 2 * (size_t)model.width);
+    FLIPPED(sure_b, float, 4);
+}
+
 static void a_flipped_bit_of_a_constant_is_found(void)
 {
     uint8_t *const places[] = {(uint8_t *)&model.tau,
@@ -273,6 +282,7 @@ int main(void)
 #endif
     RUN_TEST(a_flipped_bit_of_any_table_is_found);
     RUN_TEST(a_flipped_bit_of_a_float16_weight_is_found);
+    RUN_TEST(a_flipped_bit_of_an_int8_weight_or_of_the_size_of_its_steps_is_found);
     RUN_TEST(a_flipped_bit_of_a_constant_is_found);
     RUN_TEST(a_flipped_bit_of_the_known_answer_is_found);
     RUN_TEST(an_answer_that_is_not_the_librarys_is_found);

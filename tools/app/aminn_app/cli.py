@@ -442,10 +442,10 @@ def calibrate(
 @click.option("--name", help="What the model calls itself, on the target too  [default: the prefix]")
 @click.option(
     "--weights",
-    type=click.Choice(["float32", "float16"]),
+    type=click.Choice(["float32", "float16", "int8"]),
     default="float32",
     show_default=True,
-    help="Type of the weights in flash; float16 halves it, and the error is reported.",
+    help="Type of the weights in flash; float16 halves it, int8 quarters it, and the error is reported.",
 )
 def export(checkpoint: Path, data: Path, out: Path, prefix: str, name: str | None, weights: str) -> None:
     """Write aminn.onnx, aminn_debug.onnx, the C model, its binary form and golden vectors."""

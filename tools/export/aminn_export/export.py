@@ -27,7 +27,7 @@ from .files.layout import WEIGHT_CODES, checked_name, default_name
 from .files.onnx_model import DEBUG_FILE, ONNX_FILE, write_onnx
 from .files.ranges import state_ranges, unknown_ranges
 from .files.tables import Exported, dims_of
-from .judge.weights import float16_model, rounding_error
+from .judge.weights import ROUNDED, rounding_error
 from .samples.golden import GOLDEN_FILE, inputs_of, write_golden
 
 
@@ -86,16 +86,17 @@ def _part_of(out_dir: Path) -> Iterator[Path]:
             shutil.rmtree(part, ignore_errors=True)
 
 
-def _rounded(exported: BinModel, dataset: Dataset | None) -> tuple[BinModel, str]:
-    """The model with float16 weights, and a line that says what they change."""
-    rounded = float16_model(exported)
-    if dataset is None:
-        return rounded, "float16 weights: without a data set their error is not known"
-    e = rounding_error(exported, rounded, inputs_of(dataset, exported))
+def _rounded(exported: BinModel, weights: str, validation: Dataset | None) -> tuple[BinModel, str]:
+    """The model with weights of another type, and a line that says what they change."""
+    rounded = ROUNDED[weights](exported)
+    if not validation:
+        return rounded, f"{weights} weights: without validation samples their error is not known"
+    e = rounding_error(exported, rounded, inputs_of(validation, exported))
     return rounded, (
-        f"float16 weights change dx_ht by {e['dx_relative_median']:.1e} of its size (median; "
-        f"p99 {e['dx_relative_p99']:.1e}, largest {e['dx_relative_max']:.1e}), p_stable by at most "
-        f"{e['p_stable_max']:.1e}, {e['decisions_different']:.0f} of {len(dataset.samples['q'])} decisions"
+        f"{weights} weights change dx_ht by {e['dx_relative_median']:.1e} of its size (median; "
+        f"p99 {e['dx_relative_p99']:.1e}, largest {e['dx_relative_max']:.1e}), p_stable by {e['p_stable_median']:.1e} "
+        f"(largest {e['p_stable_max']:.1e}), {e['decisions_different']:.0f} of {len(validation)} decisions "
+        "on validation samples"
     )
 
 
@@ -107,14 +108,14 @@ def export(
     weights: str = "float32",
     name: str | None = None,
 ) -> list[str]:
-    """Export the checkpoint in `checkpoint_dir` to `out_dir`; returns lines: each file, what float16 weights cost.
+    """Export the checkpoint in `checkpoint_dir` to `out_dir`; returns lines: each file, what other weights cost.
 
     The data set in `data_dir` is the one that the model was trained on: it gives the golden vectors and the range of
     the inputs in training. Without one there are no golden vectors, and the runtime takes no input for out of range.
     `name` is what the model says that it is, on the target too; the prefix where it is not given.
-    `weights` is "float32", or "float16" for half the flash. Nothing appears in `out_dir` before all files are
-    complete. Raises AminnError for a checkpoint or data set that cannot be used, and for data that the model was not
-    trained on, with what differs.
+    `weights` is "float32", "float16" for half the flash, or "int8" for a quarter. Nothing appears in `out_dir` before
+    all files are complete. Raises AminnError for a checkpoint or data set that cannot be used, and for data that the
+    model was not trained on, with what differs.
     """
     out_dir = Path(out_dir)
     if weights not in WEIGHT_CODES:
@@ -132,8 +133,8 @@ def export(
     identity = {"made_by": f"aminn {runtime().version()}"}
     identity["name"] = default_name(prefix) if name is None else checked_name("name", name)
     exported, lines = BinModel(tables.meta | identity, tables.tensors | ranges), []
-    if weights == "float16":
-        exported, line = _rounded(exported, dataset)
+    if weights in ROUNDED:
+        exported, line = _rounded(exported, weights, dataset and dataset.split("validation"))
         lines.append(line)
     if dataset is not None:
         exported = BinModel(exported.meta | {"known_state": informative_state(exported, dataset)}, exported.tensors)

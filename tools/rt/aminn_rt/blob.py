@@ -9,7 +9,7 @@ from aminn_base.errors import AminnError
 from aminn_base.read import AnyPath
 from aminn_hand.hand import MAX_BRANCHES, MAX_COORDINATES, MIN_BRANCHES, N_CONTACT_FEATURE, N_WRENCH, Dims
 
-FORMAT_VERSION = 9
+FORMAT_VERSION = 10
 """Of the C model and the binary (AMINN_FORMAT_VERSION in aminn_rt.h)."""
 MAGIC = 0x4D4E4D41  # "AMNM"
 HEAD = struct.Struct("<4I")  # magic, format version, size, CRC-32 of what follows

@@ -24,11 +24,14 @@ from .layout import (
     TABLES_VERSION,
     TOLD_TABLE,
     WEIGHT_CODES,
+    has_steps,
+    of_steps,
     restored,
     stored_shape,
     stored_type,
     tensor_name,
     tensor_order,
+    weights_of_biases,
 )
 from .packing import content_crc, pack, room
 from .tables import STAGES, Exported, branch_joints, dims_of, shortest
@@ -68,20 +71,27 @@ def read_bin_model(path: AnyPath) -> BinModel:
     names = {code: name for name, code in DQ0_CODES.items()}, {code: name for name, code in WEIGHT_CODES.items()}
     if dq0 not in names[0] or weights not in names[1]:
         raise AminnError(f"{path}: dq0 {dq0} or weights {weights} is not what this program knows")
+    kind = names[1][weights]
     tables = [
-        (owner, field, stored_shape(dims, field, shape), np.dtype(stored_type(field, names[1][weights])))
+        (owner, field, stored_shape(dims, field, shape), np.dtype(stored_type(field, kind)), 1 + has_steps(field, kind))
         for owner, field, shape in tensor_order(dims, hc, h, hd)
     ]
     at = HEAD.size + BODY.size
     answer_room = room(4 * (dims.state + output_words(dims)))
-    if at + sum(room(int(np.prod(shape)) * dtype.itemsize) for _, _, shape, dtype in tables) + answer_room != len(blob):
+    sizes = (room(times * int(np.prod(shape)) * dtype.itemsize) for _, _, shape, dtype, times in tables)
+    if at + sum(sizes) + answer_room != len(blob):
         raise AminnError(f"{path}: its length does not fit its widths {hc}, {h}, {hd}")
     tensors = {}
-    for owner, field, shape, dtype in tables:
-        flat = np.frombuffer(blob, dtype.newbyteorder("<"), int(np.prod(shape)), at)
+    for owner, field, shape, dtype, times in tables:
+        flat = np.frombuffer(blob, dtype.newbyteorder("<"), times * int(np.prod(shape)), at)
         at += room(flat.nbytes)
-        if field != TOLD_TABLE:
-            tensors[tensor_name(owner, field)] = restored(dims, field, flat, shape)
+        if field == TOLD_TABLE:
+            continue
+        numbers = flat.reshape(times, -1)
+        tensors[tensor_name(owner, field)] = restored(dims, field, numbers[0], shape)
+        if has_steps(field, kind):
+            of = tensor_name(owner, weights_of_biases(field))
+            tensors[of] = of_steps(tensors[of], restored(dims, field, numbers[1], shape))
     counts = {"tendons": dims.tendons, "slides": dims.slides, "sensing": dims.sensing > 0, "told": dims.factors > 0}
     if header_dims(dims_of(BinModel(counts, tensors))) != header_dims(dims):
         raise AminnError(f"{path}: coord_mask {tensors['coord_mask'].tolist()} does not fit its dimensions")
@@ -94,7 +104,7 @@ def read_bin_model(path: AnyPath) -> BinModel:
     meta |= dict(zip(NAME_ROOM, names_in(blob), strict=True))
     meta |= {
         "format_version": TABLES_VERSION,
-        "weights": names[1][weights],
+        "weights": kind,
         "contact_width": hc,
         "width": h,
         "classifier_width": hd,

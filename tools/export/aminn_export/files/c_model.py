@@ -24,7 +24,7 @@ from .layout import BINS, NAME_ROOM, OPTIONAL_TABLES, SCALARS, STAGE_SCALARS, VA
 from .packing import KnownAnswer, content_crc
 from .tables import STAGES, Exported
 
-_VALUES_PER_LINE = 6
+_VALUES_PER_LINE = {np.float32: 6, np.float16: 6, np.int8: 18}
 _WIDTHS = ("contact_width", "width", "classifier_width")
 
 
@@ -42,10 +42,14 @@ def _symbol(prefix: str, table: Table) -> str:
 
 
 def _array(name: str, values: NDArray[Any]) -> str:
-    half = values.dtype == np.float16
-    words = [f"0x{v:04x}u" for v in values.view(np.uint16)] if half else [float_literal(v) for v in values]
-    lines = [", ".join(words[i : i + _VALUES_PER_LINE]) for i in range(0, len(words), _VALUES_PER_LINE)]
-    kind = "uint16_t" if half else "float"
+    if values.dtype == np.float16:
+        kind, words = "uint16_t", [f"0x{v:04x}u" for v in values.view(np.uint16)]
+    elif values.dtype == np.int8:
+        kind, words = "int8_t", [str(v) for v in values]
+    else:
+        kind, words = "float", [float_literal(v) for v in values]
+    each = _VALUES_PER_LINE[values.dtype.type]
+    lines = [", ".join(words[i : i + each]) for i in range(0, len(words), each)]
     return f"static const {kind} {name}[{len(words)}] = {{\n    " + ",\n    ".join(lines) + "};\n"
 
 
@@ -106,6 +110,7 @@ def _model(prefix: str, layout: Layout, answer: KnownAnswer) -> str:
     fields = dict.fromkeys(("wrench_log_scale", *OPTIONAL_TABLES, *own))
     lines += [f".{field} = {own.get(field, 'NULL')}," for field in fields if field not in VARIED]
     lines += [f".known_answer = &{prefix}_known_answer,"]
+    lines += [f".storage = {'NULL' if layout.weights == 'float32' else f'&aminn_storage_{layout.weights}'},"]
     stages = ["{\n        " + "\n        ".join(_stage(prefix, layout, i)) + "\n    }" for i in range(len(STAGES))]
     lines += [".stage = {" + ", ".join(stages) + "},"]
     return f"const aminn_model_t {prefix} = {{\n    " + "\n    ".join(lines) + "\n};\n"

@@ -26,8 +26,8 @@ SHA256_HEX_DIGITS = 64
 NAME_ROOM = {"name": 56, "hand": 56, "made_by": 44}
 """Bytes that a name has in the binary, with the zero behind it."""
 UNKNOWN = "unknown"
-WEIGHT_CODES = {"float32": 0, "float16": 1}
-WEIGHT_TYPES: dict[str, type[np.floating]] = {"float32": np.float32, "float16": np.float16}
+WEIGHT_CODES = {"float32": 0, "float16": 1, "int8": 2}
+WEIGHT_TYPES: dict[str, type[np.number]] = {"float32": np.float32, "float16": np.float16, "int8": np.int8}
 SCALARS = (
     *("length_scale", "log_range", "displacement_log_scale", "tau"),
     *("friction_nominal", "max_translation", "max_rotation"),
@@ -48,7 +48,7 @@ class Table(NamedTuple):
 
     owner: str  # "" for the model's own, else "s1" or "s2"
     field: str  # member of aminn_model_t or aminn_stage_model_t
-    values: NDArray[Any]  # flat; float32, or float16 in a weight table of a model with such weights
+    values: NDArray[Any]  # flat; float32, or in a weight table what the model's weights are
 
 
 class Layout(NamedTuple):
@@ -57,7 +57,7 @@ class Layout(NamedTuple):
     dims: Dims  # of the hand
     widths: tuple[int, int, int]  # contact_width, width, classifier_width
     dq0: str
-    weights: str  # "float32" or "float16"
+    weights: str  # "float32", "float16" or "int8"
     sha256: bytes  # of the checkpoint
     data_sha256: bytes  # of the data set's configuration; zeros: not known
     names: tuple[str, str, str]  # name, hand, made by
@@ -156,8 +156,18 @@ def stored_shape(dims: Dims, field: str, shape: tuple[int, ...]) -> tuple[int, .
 
 
 def is_weight(field: str) -> bool:
-    """Whether a table holds weights, which may be float16."""
+    """Whether a table holds weights, which may be float16 or int8."""
     return field.endswith("_w")
+
+
+def has_steps(field: str, weights: str) -> bool:
+    """Whether behind the numbers of a table are as many sizes of steps: biases of a model with int8 weights."""
+    return field.endswith("_b") and weights == "int8"
+
+
+def weights_of_biases(field: str) -> str:
+    """The table whose outputs have these biases."""
+    return f"{field[:-2]}_w"
 
 
 def stored_type(field: str, weights: str) -> type[np.generic]:
@@ -165,19 +175,52 @@ def stored_type(field: str, weights: str) -> type[np.generic]:
     return WEIGHT_TYPES[weights] if is_weight(field) else np.float32
 
 
+MOST_STEPS = 127
+STEP_DIGITS = 17
+"""Binary digits of a step's size, so that any number of steps is a float32."""
+
+
+def step_sizes(value: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Size (out) of the steps of which int8 weights [out][in] are numbers: an output's largest weight is 127 of them.
+
+    1 where all of its weights are zero, or so small that as a float32 the size would be subnormal.
+    """
+    digits, exponent = np.frexp(np.abs(value.astype(np.float64)).max(1, initial=0.0) / MOST_STEPS)
+    size = np.ldexp(np.rint(np.ldexp(digits, STEP_DIGITS)), exponent - STEP_DIGITS)
+    return np.where(size >= np.finfo(np.float32).tiny, size, 1.0).astype(np.float32)
+
+
+def in_steps(value: NDArray[np.float32]) -> tuple[NDArray[np.int8], NDArray[np.float32]]:
+    """int8 weights [out][in], rounded to nearest, ties to even, and the size of each output's steps."""
+    size = step_sizes(value)
+    return np.rint(value.astype(np.float64) / size[:, None]).astype(np.int8), size
+
+
+def of_steps(steps: NDArray[np.int8], size: NDArray[np.float32]) -> NDArray[np.float32]:
+    """The weights that these are; exact for sizes of `step_sizes`."""
+    return steps.astype(np.float32) * size[:, None]
+
+
+def _in_order(dims: Dims, field: str, value: NDArray[Any]) -> NDArray[Any]:
+    """A tensor's outputs in C's order; behind the head's are zeros."""
+    if not field.startswith("head_"):
+        return value
+    zeros = np.zeros((head_stored(dims) - dims.head, *value.shape[1:]), np.float32)
+    return np.concatenate([value[head_rows(dims)], zeros])
+
+
 def _stored(dims: Dims, field: str, value: NDArray[Any], weights: str) -> NDArray[Any]:
     """A table's values in the order and type of C."""
-    if field.startswith("head_"):
-        zeros = np.zeros((head_stored(dims) - dims.head, *value.shape[1:]), np.float32)
-        value = np.concatenate([value[head_rows(dims)], zeros])
+    value = _in_order(dims, field, value)
     if not is_weight(field):
         return np.ascontiguousarray(value).ravel()
-    stored = np.ascontiguousarray(value.T, WEIGHT_TYPES[weights]).ravel()
-    if weights != "float32" and not np.array_equal(stored.astype(np.float32), value.T.ravel()):
+    stored = in_steps(value)[0] if weights == "int8" else value.astype(WEIGHT_TYPES[weights])
+    same = of_steps(stored, step_sizes(value)) if weights == "int8" else stored.astype(np.float32)
+    if weights != "float32" and not np.array_equal(same, value):
         raise AminnError(
             f"model: {field} is not representable in {weights}; round it first (aminn_export.judge.weights)"
         )
-    return stored
+    return np.ascontiguousarray(stored.T).ravel()
 
 
 def restored(dims: Dims, field: str, flat: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
@@ -202,7 +245,13 @@ def _table(exported: Exported, dims: Dims, owner: str, field: str, shape: tuple[
         raise AminnError(f"model: tensor {name} is {value.dtype}, expected {expected}")
     if not np.isfinite(value).all():
         raise AminnError(f"model: tensor {name} holds NaN or infinite values")
-    return Table(owner, field, _stored(dims, field, value, weights_of(exported.meta)))
+    weights = weights_of(exported.meta)
+    stored = _stored(dims, field, value, weights)
+    if has_steps(field, weights):
+        of = weights_of_biases(field)
+        sizes = step_sizes(_in_order(dims, of, np.asarray(exported.tensors[tensor_name(owner, of)])))
+        stored = np.concatenate([stored, sizes])
+    return Table(owner, field, stored)
 
 
 def weights_of(meta: dict) -> str:

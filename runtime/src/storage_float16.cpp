@@ -1,0 +1,26 @@
+// Weights of 2 bytes each.
+#include "dense.hpp"
+#include "storage.hpp"
+
+namespace aminn {
+namespace {
+
+bool sound(const void *w, uint32_t n)
+{
+    const auto *values = static_cast<const uint16_t *>(w);
+    bool ok = true;
+    for (uint32_t i = 0; i < n; ++i) {
+        ok = ok && (values[i] & 0x7C00u) != 0x7C00u;
+    }
+    return ok;
+}
+
+} // namespace
+} // namespace aminn
+
+#if AMINN_LANES
+extern "C" const aminn_storage_t aminn_storage_float16 = {AMINN_WEIGHTS_FLOAT16, aminn::sound};
+#else
+extern "C" const aminn_storage_t aminn_storage_float16 = {AMINN_WEIGHTS_FLOAT16, aminn::sound,
+                                                          aminn::dense_stored<uint16_t>};
+#endif

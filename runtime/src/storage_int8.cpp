@@ -1,0 +1,20 @@
+// Weights of a byte each.
+#include "dense.hpp"
+#include "storage.hpp"
+
+namespace aminn {
+namespace {
+
+bool sound(const void *, uint32_t)
+{
+    return true; // each byte is a number
+}
+
+} // namespace
+} // namespace aminn
+
+#if AMINN_LANES
+extern "C" const aminn_storage_t aminn_storage_int8 = {AMINN_WEIGHTS_INT8, aminn::sound};
+#else
+extern "C" const aminn_storage_t aminn_storage_int8 = {AMINN_WEIGHTS_INT8, aminn::sound, aminn::dense_stored<int8_t>};
+#endif
