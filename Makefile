@@ -137,6 +137,12 @@ size: firmware $(STAMPS)/firmware-mps2-an386 $(STAMPS)/firmware-mps2-an505 ## te
 	  cortex_m4=$(FIRMWARE)-mps2-an386:$(FIRMWARE)-mps2-an386/firmware.json \
 	  cortex_m7=$(FIRMWARE):$(REPORTS)/firmware.json cortex_m33=$(FIRMWARE)-mps2-an505:$(FIRMWARE)-mps2-an505/firmware.json
 
+.PHONY: weights
+weights: setup-python setup-host setup-arm $(STAMPS)/apt-cross ## float32, float16 and int8 weights: flash, instructions, error, the bits of 9 targets
+	@$(PYTHON) -m aminn_export.judge.storages --model tests/golden --work $(BUILD)/weights --jobs $(JOBS) \
+	  --json $(REPORTS)/weights.json
+	@echo "Report: $(REPORTS)/weights.json"
+
 .PHONY: coverage
 coverage: $(STAMPS)/unity $(STAMPS)/apt-check ## lines and branches of runtime/src and runtime/host that the C tests reach
 	@tools/setup/coverage.sh $(BUILD)/coverage $(REPORTS)
