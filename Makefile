@@ -84,16 +84,17 @@ dataset: setup-python ## simulated grasps and loads, in build/dataset (GRASPS=, 
 	  --threads $(THREADS) --json $(REPORTS)/dataset.json --card
 	@echo "Dataset: $(BUILD)/dataset/manifest.json, data card: $(BUILD)/dataset/card.html"
 
-.PHONY: paper ablation
+.PHONY: paper ablation frontier
 paper: setup-python ## AMINN beside others on build/dataset, all seeds (SEEDS=), shifts, sensors, learning curve (CURVE_SEEDS=)
 ablation: setup-python ## choices of model and training, on validation grasps of build/dataset, all seeds (SEEDS=)
-paper ablation:
+frontier: setup-python ## how wide a model must be, on validation grasps of build/dataset, all seeds (SEEDS=)
+paper ablation frontier:
 	@[ -f $(BUILD)/dataset/manifest.json ] || $(MAKE) --no-print-directory dataset
 	@$(PYTHON) -m aminn_app.study $@ --data $(BUILD)/dataset --build $(BUILD) --seeds $(SEEDS) --curve-seeds $(CURVE_SEEDS) \
 	  --jobs $(JOBS)
 
 .PHONY: tables
-tables: setup-python ## the tables of README and docs anew from build/studies (paper, ablation)
+tables: setup-python ## the tables of README and docs anew from build/studies (paper, ablation, frontier)
 	@$(PYTHON) -m aminn_app.paper_table --studies $(BUILD)/studies README.md docs/evaluation.md
 
 .PHONY: step

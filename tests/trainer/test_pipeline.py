@@ -185,8 +185,18 @@ def test_marked_tables_are_written_anew() -> None:
     assert filled(new, "ablation", Study({}, [])) != new and filled(text, "paper", Study({}, [])) == text
 
 
-def test_ablation_is_judged_on_validation_grasps_alone(dataset: Dataset) -> None:
-    (name, part), *others = study._tests(dataset, "ablation", 1.0).items()
+def test_the_table_of_widths_begins_with_the_widest() -> None:
+    rows = [
+        Row("iid", name, {"f1": f1, "n_parameters": n}, {"f1": 0.001}, 5)
+        for name, f1, n in (("16-16-16", 0.95, 9000), ("64-32-32", 0.96, 30000))
+    ]
+    _, _, first, second = TABLES["frontier"]["frontier"](Study({}, rows)).splitlines()
+    assert first.startswith("| 64 / 32 / 32 | 30000 | 0.960 ± 0.001 |") and second.startswith("| 16 / 16 / 16 | 9000 |")
+
+
+@pytest.mark.parametrize("kind", ["ablation", "frontier"])
+def test_choices_are_judged_on_validation_grasps_alone(dataset: Dataset, kind: str) -> None:
+    (name, part), *others = study._tests(dataset, kind, 1.0).items()
     assert name == "iid" and not others
     assert set(part.samples["grasp_id"]) <= set(dataset.split("validation").samples["grasp_id"])
 

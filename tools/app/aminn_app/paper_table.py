@@ -454,6 +454,18 @@ def ablation(study: Study) -> str:
     return _table(["variant", *columns, *told], rows)
 
 
+def frontier(study: Study) -> str:
+    """Every width, widest first, on validation grasps: with nothing told, and with friction and weight."""
+    rows = []
+    for name in dict.fromkeys(row.model for row in study.rows):
+        found = [study.row("iid", name, inputs=inputs) for inputs in ("", "friction_weight")]
+        cells = [_cell(row, *COLUMNS[c]) for row in found for c in LEARNING]
+        rows.append([name.replace("-", " / "), _value(found[0], "n_parameters", "{:.0f}"), *cells])
+    rows.sort(key=lambda row: -int(row[1]))
+    told = [f"{c}, told" for c in LEARNING]
+    return _table(["trunk / contacts / classifier", "parameters", *LEARNING, *told], rows)
+
+
 TABLES: dict[str, dict[str, Callable[[Study], str]]] = {
     "paper": {
         "state": state,
@@ -471,6 +483,7 @@ TABLES: dict[str, dict[str, Callable[[Study], str]]] = {
         "summary": summary,
     },
     "ablation": {"ablation": ablation},
+    "frontier": {"frontier": frontier},
 }
 """Study -> name of a table -> what makes it."""
 

@@ -1,5 +1,5 @@
 """Studies over seeds on one data set: AMINN beside other models, with a learning curve (`make paper`), and choices of
-the model and its training (`make ablation`).
+the model and its training (`make ablation`), and how wide a model must be (`make frontier`).
 
 Both learn from the same part of the data set (`REGIMES["iid"]`): known tool families, moderate friction and loads. The
 rest is what nobody has seen: another family, more friction, larger loads. A run is trained on one thread, runs stand
@@ -133,6 +133,14 @@ ABLATIONS: dict[str, TrainConfig] = {
 """Choices that the method leaves open, each alone against what is shipped; the MLP gets those that concern it."""
 
 
+WIDTHS = ((64, 32, 32), (48, 24, 24), (32, 16, 16), (24, 16, 16), (16, 16, 16))
+"""Of trunk, contacts and classifier: models of `make frontier`, widest first."""
+FRONTIER = {
+    "-".join(map(str, widths)): _model(**dict(zip(("width", "contact_width", "classifier_width"), widths, strict=True)))
+    for widths in WIDTHS
+}
+
+
 def paper_jobs(seeds: int, curve_seeds: int) -> Iterator[Job]:
     """Seed by seed all models on the whole training set; then the learning curve, of fewer seeds.
 
@@ -154,7 +162,17 @@ def ablation_jobs(seeds: int, _: int) -> Iterator[Job]:
             yield Job(variant, replace(config, seed=seed, train_fraction=ABLATION_FRACTION))
 
 
-JOBS: dict[str, Callable[[int, int], Iterator[Job]]] = {"paper": paper_jobs, "ablation": ablation_jobs}
+def frontier_jobs(seeds: int, _: int) -> Iterator[Job]:
+    for seed in range(seeds):
+        for variant, config in FRONTIER.items():
+            yield Job(variant, replace(config, seed=seed))
+
+
+JOBS: dict[str, Callable[[int, int], Iterator[Job]]] = {
+    "paper": paper_jobs,
+    "ablation": ablation_jobs,
+    "frontier": frontier_jobs,
+}
 
 
 @cache
@@ -203,7 +221,7 @@ def _keep(file: Path, identity: dict, found: Found) -> None:
 def judge(checkpoint: Checkpoint, tests: dict[str, Dataset], study: str) -> Found:
     """All figures of a run: on each test set with each of the inputs; with parts and under noise on new grasps."""
     whole = study == "paper" and checkpoint.meta["identity"]["config"]["train_fraction"] == 1.0
-    several = whole or study == "ablation"
+    several = whole or study in ("ablation", "frontier")
     figures: By = {}
     draws: dict[tuple[str, str], Resampled] = {}
     for test, data in tests.items():
