@@ -22,6 +22,7 @@ from aminn_export.files.known_answer import REFERENCE_GRASP, answered
 from aminn_export.replay.runtime_place import find_in
 from aminn_export.samples.vectors import read_results, read_vectors
 from aminn_hand.hand import STATE
+from aminn_rt.blob import FORMAT_VERSION
 from aminn_rt.compiled import runtime
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
@@ -144,7 +145,7 @@ def test_models_of_version_7_are_refused_by_number(build_dir: Path, tmp_path: Pa
     blob = bytearray((GOLDEN / "aminn_model.bin").read_bytes())
     blob[4] = 7
     (tmp_path / "old.bin").write_bytes(blob)
-    with pytest.raises(AminnError, match="format version 7, this program reads 9; export it again"):
+    with pytest.raises(AminnError, match=f"format version 7, this program reads {FORMAT_VERSION}; export it again"):
         read_bin_model(tmp_path / "old.bin")
     command = [str(find_in(build_dir, "aminn_replay")), "old.bin", str(GOLDEN / "golden.bin"), "out.bin"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)

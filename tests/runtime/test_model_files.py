@@ -14,6 +14,7 @@ from aminn_export.files.bin_model import bin_model_bytes, read_bin_model, write_
 from aminn_export.files.c_model import c_model_texts, float_literal, write_c_model
 from aminn_export.files.layout import head_stored, layout_of
 from aminn_export.files.tables import by_branch, shortest
+from aminn_rt.blob import FORMAT_VERSION
 
 
 @pytest.fixture(scope="module")
@@ -140,7 +141,7 @@ def test_missing_parts_are_named(model: RandomModel) -> None:
         (lambda b: b[:100], "truncated"),
         (lambda b: b[:-4], "truncated or overwritten"),
         (lambda b: b"ELF!" + b[4:], "wrong magic"),
-        (lambda b: b[:4] + struct.pack("<I", 10) + b[8:], "format version 10"),
+        (lambda b: b[:4] + struct.pack("<I", FORMAT_VERSION + 1) + b[8:], f"format version {FORMAT_VERSION + 1}"),
         (lambda b: b[:300] + bytes([b[300] ^ 1]) + b[301:], "CRC-32"),
     ],
 )
