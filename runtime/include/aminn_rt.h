@@ -199,6 +199,14 @@ typedef char aminn_compile_without_fpack_struct[sizeof(struct aminn_layout) == 2
 #define AMINN_N_TOLD_INPUT (AMINN_N_GLOBAL_INPUT + AMINN_N_FACTOR + AMINN_N_SENSED) /* 52: at most */
 #define AMINN_N_LAST_INPUT (AMINN_N_CONTACT_INPUT > AMINN_N_TOLD_INPUT ? AMINN_N_CONTACT_INPUT : AMINN_N_TOLD_INPUT)
 
+/* Room that statics needs beside its stack, and what layer_out takes for it: what slides do, or the contacts' joints. */
+#define AMINN_N_ROOM_JOINTS (AMINN_N_BRANCH * (AMINN_N_COORD * (AMINN_N_COORD + 9) / 2 + 1))
+#define AMINN_N_ROOM_SLIDES (2 * AMINN_N_BRANCH * (3 * AMINN_N_WRENCH + 8 * AMINN_N_BRANCH + AMINN_N_TWIST + 1))
+#define AMINN_N_ROOM (AMINN_N_SLIDE ? AMINN_N_ROOM_SLIDES : AMINN_N_ROOM_JOINTS)
+#define AMINN_N_LAYER_IN (AMINN_MAX_WIDTH + AMINN_N_LAST_INPUT)
+#define AMINN_N_LAYER_OUT \
+    (AMINN_N_ROOM > AMINN_N_LAYER_IN + AMINN_MAX_WIDTH ? AMINN_N_ROOM - AMINN_N_LAYER_IN : AMINN_MAX_WIDTH)
+
 /* The hand that the library is compiled for, as a symbol whose name tells the counts: a C model asks for that of its hand,
  * and where the library is compiled for another the linker says which one is missing. Two libraries in one program define the
  * same functions. */
@@ -211,7 +219,8 @@ typedef char aminn_compile_without_fpack_struct[sizeof(struct aminn_layout) == 2
 extern const char AMINN_LIBRARY[];
 
 /* Largest contact_width, width and classifier_width that a context has room for. Define it before the library and its
- * users are compiled (the same for both) to save memory: sizeof(aminn_t) shrinks by 12 bytes for each unit. */
+ * users are compiled (the same for both) to save memory: sizeof(aminn_t) shrinks by 12 bytes for each unit, and by 4
+ * once statics needs more room than layers: where contacts can slide, from about a hundred on. */
 #ifndef AMINN_MAX_WIDTH
 #define AMINN_MAX_WIDTH 128
 #endif
@@ -609,8 +618,8 @@ typedef struct aminn_context {
 #endif
     float contact_input[AMINN_N_CONTACT_INPUT];
     float slog_w[AMINN_N_WRENCH];
-    float layer_in[AMINN_MAX_WIDTH + AMINN_N_LAST_INPUT];
-    float layer_out[AMINN_MAX_WIDTH];
+    float layer_in[AMINN_N_LAYER_IN];
+    float layer_out[AMINN_N_LAYER_OUT]; /* statics works in AMINN_N_ROOM numbers from layer_in on */
     float feature[AMINN_MAX_WIDTH + (AMINN_N_AUX > AMINN_N_SURE ? AMINN_N_AUX : AMINN_N_SURE)];
     float head[AMINN_N_HEAD_STORED];
 } aminn_t;

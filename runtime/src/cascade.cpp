@@ -49,6 +49,15 @@ AMINN_INLINE void prepare(aminn_t &ctx, const aminn_input_t &in, Scene &scene)
     make_scene(*ctx.model, in, scene);
 }
 
+// where layers work before statics does
+float *room_of(aminn_t &ctx)
+{
+    static_assert(offsetof(aminn_t, layer_out) - offsetof(aminn_t, layer_in) == AMINN_N_LAYER_IN * sizeof(float) &&
+                      AMINN_N_LAYER_IN + AMINN_N_LAYER_OUT >= AMINN_N_ROOM,
+                  "side by side");
+    return reinterpret_cast<float *>(reinterpret_cast<char *>(&ctx) + offsetof(aminn_t, layer_in));
+}
+
 // False if its results are not sound.
 bool run_stage(aminn_t &ctx, int i, const Scene &scene, const aminn_input_t &in, StaticsSummary &summary)
 {
@@ -66,7 +75,8 @@ bool run_stage(aminn_t &ctx, int i, const Scene &scene, const aminn_input_t &in,
 #endif
     const bool debug = (ctx.flags & AMINN_FLAG_DEBUG) != 0;
     const unsigned wanted = debug ? kWantStiffness | kWantDeflection : i == 0 ? 0u : kWantStiffness;
-    two_pass(model, model.stage[i], ctx.varied->eps_m[i], scene, in, springs, wanted, ctx.stage[i], summary);
+    two_pass(model, model.stage[i], ctx.varied->eps_m[i], scene, in, springs, wanted, room_of(ctx), ctx.stage[i],
+             summary);
     if (debug) {
         store_springs(springs, ctx.stage[i]);
         ctx.stages_done |= 1u << i;

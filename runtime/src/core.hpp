@@ -39,6 +39,9 @@
 #define AMINN_UNROLL_ROWS
 #endif
 
+#define AMINN_ALWAYS __attribute__((always_inline)) // of a lambda
+#define AMINN_UNROLL _Pragma("GCC unroll 8")        // of a contact's few rows and columns, everywhere
+
 // Cortex-M with an FPU has VMLA, which rounds the product and the sum: the bits of two operations in one instruction. The
 // compiler does not use it unless it may fuse operations, so it is asked for by name.
 #if defined(__ARM_ARCH_PROFILE) && __ARM_ARCH_PROFILE == 'M' && defined(__ARM_FP)

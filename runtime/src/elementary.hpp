@@ -86,7 +86,7 @@ struct Exponential {
     float half_scale;
 };
 
-AMINN_FUNCTION Exponential split_exponential(float x)
+AMINN_INLINE Exponential split_exponential(float x)
 {
     constexpr float kLog2e = 0x1.715476p0F;
     constexpr float kLn2Hi = 0x1.62e4p-1F; // 15 bits: exact times a small integer
@@ -105,13 +105,13 @@ AMINN_FUNCTION Exponential split_exponential(float x)
     return {r + s * p, from_bits((bits_of(shifted) - bits_of(kRounder) + 126u) << 23)};
 }
 
-AMINN_FUNCTION float exponential(float x)
+AMINN_INLINE float one_exponential(float x)
 {
     const Exponential e = split_exponential(x);
     return ((1.0F + e.above_one) * e.half_scale) * 2.0F;
 }
 
-AMINN_FUNCTION float logarithm(float x)
+AMINN_INLINE float one_logarithm(float x)
 {
     constexpr float kLn2Hi = 0x1.62e4p-1F;
     constexpr float kLn2Lo = 0x1.7f7d1cp-20F;
@@ -130,7 +130,7 @@ AMINN_FUNCTION float logarithm(float x)
 }
 
 // from exp(2 |x|) - 1, which keeps its digits near zero
-AMINN_FUNCTION float hyperbolic_tangent(float x)
+AMINN_INLINE float one_hyperbolic_tangent(float x)
 {
     constexpr float kNear = 0.34375F;
     const float a = std::fabs(x);
@@ -140,6 +140,24 @@ AMINN_FUNCTION float hyperbolic_tangent(float x)
     const float near = subtract_product(half, half, far); // the same number, without the rounding of half + 1
     return std::copysign(a < kNear ? near : far, x);
 }
+
+// Of n numbers in their place, and of one. Where code is to be small there is one copy, which loads its constants once.
+#define AMINN_OF_NUMBERS(name, names)          \
+    AMINN_FUNCTION void names(float *x, int n) \
+    {                                          \
+        for (int i = 0; i < n; ++i) {          \
+            x[i] = one_##name(x[i]);           \
+        }                                      \
+    }                                          \
+    AMINN_INLINE float name(float x)           \
+    {                                          \
+        names(&x, 1);                          \
+        return x;                              \
+    }
+AMINN_OF_NUMBERS(exponential, exponentials)
+AMINN_OF_NUMBERS(logarithm, logarithms)
+AMINN_OF_NUMBERS(hyperbolic_tangent, hyperbolic_tangents)
+#undef AMINN_OF_NUMBERS
 
 AMINN_FUNCTION float sigmoid(float x)
 {

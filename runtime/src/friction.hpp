@@ -105,6 +105,14 @@ AMINN_INLINE Branches in_tangent(const float *of_slides, int direction, int g)
     return gather(of_slides + tangent_of(direction, g * kSideBySide), 1, in_group(g));
 }
 
+// e, a direction in the rows of V
+AMINN_FUNCTION void in_rows(const Contact &contact, const Branches direction[3], Branches e[3])
+{
+    e[0] = direction[0];
+    e[1] = direction[1] + contact.minus_u[0] * e[0];
+    e[2] = (direction[2] + contact.minus_u[1] * e[0]) + contact.minus_u[2] * e[1];
+}
+
 // The slides' rows e of a group, and pressing = W n, pull = n.t of its contacts.
 AMINN_FUNCTION void place_contacts(const Branches *springs, const aminn_input_t &in, const Grasp &grasp, int g,
                                    bool debug, Slides &slides, Footing &footing, float (*preload)[3])
@@ -118,22 +126,10 @@ AMINN_FUNCTION void place_contacts(const Branches *springs, const aminn_input_t 
     Branches directions[3][3];
     find_directions(in, g, directions);
     footing.give = Branches{};
-    for (int d = 0; d < 3; ++d) {
+    for (int d = 0; d < 2; ++d) {
         const Branches *across = directions[d];
-        Branches own[3];
-        Branches *e = d < 2 ? footing.e[d] : own;
-        e[0] = across[0];
-        e[1] = across[1] + contact.minus_u[0] * e[0];
-        e[2] = (across[2] + contact.minus_u[1] * e[0]) + contact.minus_u[2] * e[1];
-        if (d == 2) {
-            if constexpr (kGated) {
-                footing.pull = dot_of<3>(e, contact.t);
-            }
-            for (int i = 0; i < 3; ++i) {
-                footing.normal[i] = gather(grasp.weight + 3 * b + i, 3, n) * e[i];
-            }
-            break;
-        }
+        const Branches *e = footing.e[d];
+        in_rows(contact, across, footing.e[d]);
         const Branches u_across[3] = {
             // of U
             subtract_product(subtract_product(across[0], contact.minus_u[0], across[1]), contact.minus_u[1], across[2]),
@@ -149,6 +145,14 @@ AMINN_FUNCTION void place_contacts(const Branches *springs, const aminn_input_t 
             set_component(rows[2], tangent, branch_of(e[2], k));
         }
         footing.preload[d] = c * dot_of<3>(across, believed);
+    }
+    Branches e[3];
+    in_rows(contact, directions[2], e);
+    if constexpr (kGated) {
+        footing.pull = dot_of<3>(e, contact.t);
+    }
+    for (int i = 0; i < 3; ++i) {
+        footing.normal[i] = gather(grasp.weight + 3 * b + i, 3, n) * e[i];
     }
     footing.preload_square = dot_of<2>(footing.preload, footing.preload);
     footing.friction = springs[at(kFriction, g)];
@@ -271,14 +275,14 @@ AMINN_FUNCTION void judge(const aminn_input_t &in, int g, const float *force, Fo
 
 // From the motion z without slides to that with them.
 static void slide(const Branches *springs, const aminn_input_t &in, Grasp &grasp, const Tendons &tendons, const Row &y,
-                  bool debug, Footing footings[kGroups], Row &z, aminn_stage_debug_t &out, Friction &friction)
+                  bool debug, Slides &slides, Footing footings[kGroups], Row &z, aminn_stage_debug_t &out,
+                  Friction &friction)
 {
-    Slides slides;
     Row normals[kBranch];    // Q^T W n
     float along[kBranch];    // of them what moves
     float slide[kSlideRoom]; // of all tangents
     float force[kSlideRoom];
-    float sigma[kSlideRoom];
+    float sigma[kSlideRoom] = {};
     clear_rows(slides.strain, kHeld + kMotion);
     if constexpr (kGated) {
         clear_rows(slides.loosened, kMotion + kTendons);
@@ -291,9 +295,6 @@ static void slide(const Branches *springs, const aminn_input_t &in, Grasp &grasp
     dots(normals, kBranch, z, along);
     follow_slides(grasp, tendons, y, slides);
     std::memcpy(force, &slides.held, sizeof slides.held);
-    for (int i = kSlides; i < kSlideRoom; ++i) {
-        sigma[i] = 0.0F;
-    }
     for (int g = 0; g < kGroups; ++g) {
         const int b = g * kSideBySide;
         const int n = in_group(g);
@@ -375,7 +376,7 @@ AMINN_FUNCTION void add_square(Branches d[3], Branches l[3], Branches share, Bra
 AMINN_FUNCTION void soften_stiffness(const aminn_input_t &in, const Scene &scene, const Footing footings[kGroups],
                                      Grasp &grasp, Row k_s[kMotion])
 {
-    std::memcpy(grasp.rows, scene.a_s, sizeof scene.a_s);
+    take_rows(in, scene, grasp.rows);
     for (int g = 0; g < kGroups; ++g) {
         const int b = g * kSideBySide;
         const int n = in_group(g);

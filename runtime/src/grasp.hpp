@@ -15,16 +15,22 @@ constexpr int kTendons = kGated ? kBranch : 0;
 constexpr int kStiffness = kMotion + kTendons; // rows of the factor U, and m of the tendons
 constexpr float kSlack = 1e30F; // compliance of a tendon that does not engage at all, which nothing can show
 
-// Joints and contact compliance of the branches of a group, in series, seen from the contact.
-struct Contact {
-    ContactRow rows[kCoord + 3]; // a row for each coordinate: Q, and in column 3 what is left of d; U^-1 below
-    Branches row_weight[kCoord + 3];
+constexpr int kSeen = kGated ? 4 : 3; // dimensions of space, and d
+
+// Joints and contact compliance of the branches of a group, in series, seen from the contact: the joints, of which nothing
+// is left to know behind pass 1,
+struct Joints {
+    Branches q[kCoord][kSeen]; // a row for each coordinate: Q, and what is left of d
+    Branches row_weight[kCoord];
     Branches lower[kCoord > 1 ? kBelow : 1]; // of L, with the other sign: 10, 20, 21 ..
-    Branches minus_u[kSliding ? 3 : 1];      // of U, with the other sign: 01, 02, 12
-    Branches d[kSliding ? 3 : 1];            // D
-    Branches t[3];                           // sqrt(c) t
-    Branches rest_square;                    // rho^2
-    Branches root_contact;                   // sqrt(c)
+};
+// and the contacts.
+struct Contact {
+    Branches minus_u[3];   // of U, with the other sign: 01, 02, 12
+    Branches d[3];         // D
+    Branches t[3];         // sqrt(c) t
+    Branches rest_square;  // rho^2
+    Branches root_contact; // sqrt(c)
 };
 
 // The grasp with springs alone, and its tendons.
@@ -48,57 +54,97 @@ AMINN_FUNCTION void substitute(AnyRow *rows, const Number *minus_t)
     }
 }
 
+// The rows of a group's contacts, which become Q, and their weights are orthogonalised as orthogonalise() does it, written
+// out: below them the identity is known, and so are the zeros of U^-1.
+AMINN_INLINE void orthogonalise_contact(Joints &joints, Contact &contact, Branches compliance, Branches u[3][kSeen],
+                                        Branches inv_d[3])
+{
+    Branches q[kCoord + 3][kSeen];
+    AMINN_UNROLL
+    for (int c = 0; c < kCoord; ++c) {
+        AMINN_UNROLL
+        for (int k = 0; k < kSeen; ++k) {
+            q[c][k] = joints.q[c][k];
+        }
+    }
+    Branches sum[2][kSeen]; // over even rows and over odd ones
+    const auto add = [&](int r, int j, int from) AMINN_ALWAYS {
+        const Branches share = (r < kCoord ? joints.row_weight[r] : compliance) * q[r][j];
+        AMINN_UNROLL
+        for (int k = from; k < kSeen; ++k) {
+            sum[r % 2][k] = r < 2 ? share * q[r][k] : add_product(sum[r % 2][k], share, q[r][k]);
+        }
+    };
+    AMINN_UNROLL
+    for (int j = 0; j < 3; ++j) {
+        const int n = kCoord + j;
+        AMINN_UNROLL
+        for (int r = 0; r < n; ++r) {
+            add(r, j, j);
+        }
+        sum[n % 2][j] = n < 2 ? compliance : sum[n % 2][j] + compliance;
+        contact.d[j] = sum[0][j] + sum[1][j];
+        inv_d[j] = 1.0F / contact.d[j];
+        AMINN_UNROLL
+        for (int k = j + 1; k < kSeen; ++k) {
+            u[j][k] = inv_d[j] * (n < 2 ? sum[0][k] : sum[0][k] + sum[1][k]);
+            AMINN_UNROLL
+            for (int r = 0; r < n; ++r) {
+                q[r][k] = subtract_product(q[r][k], q[r][j], u[j][k]);
+            }
+            q[n][k] = -u[j][k];
+        }
+    }
+    if constexpr (kGated) {
+        AMINN_UNROLL
+        for (int r = 0; r < kCoord + 3; ++r) {
+            add(r, 3, 3);
+        }
+        contact.rest_square = sum[0][3] + sum[1][3];
+    }
+    AMINN_UNROLL
+    for (int c = 0; c < kCoord; ++c) {
+        AMINN_UNROLL
+        for (int k = 0; k < 3; ++k) {
+            joints.q[c][k] = q[c][k];
+        }
+    }
+}
+
 // v: the branches' rows of A, which become those of V, with these weights
 AMINN_FUNCTION void factor_contact(const Branches *springs, const aminn_input_t &in, int g, const float *eps_m,
-                                   Contact &contact, Row *v, float *weight)
+                                   Joints &joints, Contact &contact, Row *v, float *weight)
 {
     const int b = g * kSideBySide;
     const int n = in_group(g);
-    ContactRow *rows = contact.rows;
     Branches inv_diag[kCoord];
-    const Branches compliance = gather(eps_m + b, 1, n);
     for (int c = 0; c < kCoord; ++c) {
-        const Branches values[kMotion] = {
-            -gather(&in.j_q[b][0][c], 3 * kCoord, n), -gather(&in.j_q[b][1][c], 3 * kCoord, n),
-            -gather(&in.j_q[b][2][c], 3 * kCoord, n), kGated ? springs[at(kDir + c, g)] : Branches{}};
-        load_row(rows[c], values);
+        for (int i = 0; i < 3; ++i) {
+            joints.q[c][i] = -gather(&in.j_q[b][i][c], 3 * kCoord, n);
+        }
+        if constexpr (kGated) {
+            joints.q[c][3] = springs[at(kDir + c, g)];
+        }
         inv_diag[c] = 1.0F / springs[at(kDiag + c, g)];
-        contact.row_weight[c] = inv_diag[c] * inv_diag[c];
-        if (kCoord <= 3 || c < 3) { // a row for each dimension of space, below
-            contact.row_weight[kCoord + c] = compliance;
+        joints.row_weight[c] = inv_diag[c] * inv_diag[c];
+        for (int r = 0; r < c; ++r) { // L^-1
+            const Branches minus_l = -(springs[at(kOff + below(c, r), g)] * inv_diag[r]);
+            joints.lower[below(c, r)] = minus_l;
+            for (int i = 0; i < kSeen; ++i) {
+                joints.q[c][i] = add_product(joints.q[c][i], minus_l, joints.q[r][i]);
+            }
         }
     }
-    if constexpr (kCoord < 3) {
-        for (int i = kCoord; i < 3; ++i) {
-            contact.row_weight[kCoord + i] = compliance;
-        }
-    }
-    for (int r = 1; r < kCoord; ++r) {
-        for (int c = 0; c < r; ++c) {
-            contact.lower[below(r, c)] = -(springs[at(kOff + below(r, c), g)] * inv_diag[c]);
-        }
-    }
-    substitute<kCoord>(rows, contact.lower);
-    ContactRow u[3];
-    Branches d[3];
+    Branches u[3][kSeen];
     Branches inv_d[3];
-    orthogonalise(rows, kCoord, 3, contact.row_weight, u, d, inv_d);
-    if constexpr (kGated) {
-        ContactRow rest;
-        inner_products(rest, rows, kCoord + 3, contact.row_weight, rows, 3);
-        contact.rest_square = rest[3];
-    }
+    orthogonalise_contact(joints, contact, gather(eps_m + b, 1, n), u, inv_d);
     const Branches c = gather(in.contacts[b], AMINN_N_CONTACT_FEATURE, n);
     if constexpr (kGated) {
         contact.root_contact = root(c);
     }
-    const Branches minus_u[3] = {-u[0][1], -u[0][2], -u[1][2]};
-    if constexpr (kSliding) {
-        for (int i = 0; i < 3; ++i) {
-            contact.minus_u[i] = minus_u[i];
-            contact.d[i] = d[i];
-        }
-    }
+    contact.minus_u[0] = -u[0][1];
+    contact.minus_u[1] = -u[0][2];
+    contact.minus_u[2] = -u[1][2];
     for (int i = 0; i < 3; ++i) {
         if constexpr (kGated) {
             contact.t[i] = contact.root_contact * u[i][3];
@@ -107,7 +153,7 @@ AMINN_FUNCTION void factor_contact(const Branches *springs, const aminn_input_t 
     }
     for (int k = 0; k < n; ++k) {
         float room[3];
-        substitute<3>(v + 3 * k, three_of(minus_u, k, room));
+        substitute<3>(v + 3 * k, three_of(contact.minus_u, k, room));
     }
 }
 
@@ -135,13 +181,13 @@ AMINN_INLINE void twist_rows(const aminn_input_t &in, const Scene &scene, Grasp 
 }
 
 static void factor_grasp(const Branches *springs, const aminn_input_t &in, const Scene &scene,
-                         const aminn_stage_model_t &stage, const float *eps_m, Grasp &grasp)
+                         const aminn_stage_model_t &stage, const float *eps_m, Joints joints[kGroups], Grasp &grasp)
 {
-    std::memcpy(grasp.rows, scene.a_s, sizeof scene.a_s);
+    take_rows(in, scene, grasp.rows);
     for (int g = 0; g < kGroups; ++g) {
         const int b = g * kSideBySide;
         Row *v = grasp.rows + 3 * b;
-        factor_contact(springs, in, g, eps_m, grasp.contact[g], v, grasp.weight + 3 * b);
+        factor_contact(springs, in, g, eps_m, joints[g], grasp.contact[g], v, grasp.weight + 3 * b);
         if constexpr (kGated) {
             combine_branches(grasp.stiffness + kMotion + b, v, grasp.contact[g].t, g);
         }

@@ -62,8 +62,8 @@ AMINN_FUNCTION void displacement(const Grasp &grasp, const Row &z, const float t
 }
 
 // dq0 of the branches of a group, from their rows of Q
-[[gnu::noinline]] static void deflection(const Contact &contact, const Row q[], const float *weight, const Row &z,
-                                         int g, float *dq)
+[[gnu::noinline]] static void deflection(const Joints &joints, const Row q[], const float *weight, const Row &z, int g,
+                                         float *dq)
 {
     const int n = in_group(g);
     Branches share[3];
@@ -76,9 +76,9 @@ AMINN_FUNCTION void displacement(const Grasp &grasp, const Row &z, const float t
         share[i] = gather(weight + i, 3, n) * gather(strain, 1, n);
     }
     for (int c = kCoord - 1; c >= 0; --c) {
-        result[c] = contact.row_weight[c] * dot_of<3>(contact.rows[c].v, share);
+        result[c] = joints.row_weight[c] * dot_of<3>(joints.q[c], share);
         for (int r = c + 1; r < kCoord; ++r) {
-            result[c] = result[c] + contact.lower[below(r, c)] * result[r];
+            result[c] = result[c] + joints.lower[below(r, c)] * result[r];
         }
         scatter(result[c], dq + c, kCoord, n);
     }
@@ -86,9 +86,9 @@ AMINN_FUNCTION void displacement(const Grasp &grasp, const Row &z, const float t
 
 #if AMINN_N_COORD == 3 // only a square j_q has an inverse
 // dq0 of a branch as the paper writes it, from the regularised inverse of j_q, and how far it stretches the tendon
-[[gnu::noinline]] static float stretch_by_inverse(const aminn_model_t &model, const aminn_input_t &in, const Row a[3],
-                                                  const float *x_s, float eps_jq, const Branches *springs, int b,
-                                                  float dq[3])
+[[gnu::noinline]] static float stretch_by_inverse(const aminn_model_t &model, const aminn_input_t &in,
+                                                  const float *scale, const float *x_s, float eps_jq,
+                                                  const Branches *springs, int b, float dq[3])
 {
     Row rows[3 + 3]; // j_q and the motion of the contact; minus the solution falls out below the latter
     Row u[3];
@@ -97,7 +97,9 @@ AMINN_FUNCTION void displacement(const Grasp &grasp, const Row &z, const float t
     load_row(x, x_s);
     for (int i = 0; i < 3; ++i) {
         const float *j = in.j_q[b][i];
-        float values[kMotion] = {j[0], j[1], j[2], dot(a[i], x), 0.0F, 0.0F};
+        Row a;
+        scaled_rows(in, scale, 3 * b + i, 1, &a);
+        float values[kMotion] = {j[0], j[1], j[2], dot(a, x), 0.0F, 0.0F};
         values[i] = values[i] + eps_jq;
         load_row(rows[i], values);
     }
@@ -166,14 +168,21 @@ AMINN_INLINE void engage(const Branches *springs, int g, Branches eta, Branches 
     scatter(1.0F / inv_gamma, grasp.d + place, 1, n);
 }
 
-// Both passes, into what out has behind the springs.
+// Both passes, into what out has behind the springs. room: AMINN_N_ROOM floats to work with.
 static void two_pass(const aminn_model_t &model, const aminn_stage_model_t &stage, const float *eps_m,
-                     const Scene &scene, const aminn_input_t &in, const Branches *springs, unsigned wanted,
+                     const Scene &scene, const aminn_input_t &in, const Branches *springs, unsigned wanted, float *room,
                      aminn_stage_debug_t &out, StaticsSummary &summary)
 {
     // pass 1: springs alone
     Grasp grasp;
-    factor_grasp(springs, in, scene, stage, eps_m, grasp);
+#if AMINN_LANES
+    static_cast<void>(room);
+    Joints joints[kGroups];
+#else
+    static_assert(sizeof(Joints[kGroups]) <= AMINN_N_ROOM * sizeof(float), "there is room");
+    auto *joints = reinterpret_cast<Joints *>(room);
+#endif
+    factor_grasp(springs, in, scene, stage, eps_m, joints, grasp);
     const Row *inverse = grasp.rows + kHeld;
     Row inv_d;
     load_row(inv_d, grasp.inv_d);
@@ -203,14 +212,13 @@ static void two_pass(const aminn_model_t &model, const aminn_stage_model_t &stag
         if (by_inverse) {
 #if AMINN_N_COORD == 3
             for (int k = 0; k < n; ++k) {
-                const Row *a = scene.a_s + 3 * (b + k);
-                stretch[k] =
-                    stretch_by_inverse(model, in, a, summary.x_s, stage.eps_jq, springs, b + k, out.dq0[b + k]);
+                stretch[k] = stretch_by_inverse(model, in, scene.scale, summary.x_s, stage.eps_jq, springs, b + k,
+                                                out.dq0[b + k]);
             }
             eta = gather(stretch, 1, n);
 #endif
         } else if (deflections) {
-            deflection(contact, grasp.rows + 3 * b, grasp.weight + 3 * b, z, g, out.dq0[b]);
+            deflection(joints[g], grasp.rows + 3 * b, grasp.weight + 3 * b, z, g, out.dq0[b]);
         }
         if constexpr (kGated) {
             engage(springs, g, eta, contact.rest_square, grasp, out.gate + b);
@@ -221,6 +229,12 @@ static void two_pass(const aminn_model_t &model, const aminn_stage_model_t &stag
 #if AMINN_N_SLIDE
     Tendons tendons;
     Footing footings[kGroups];
+#if AMINN_LANES
+    Slides slides;
+#else
+    static_assert(sizeof(Slides) <= AMINN_N_ROOM * sizeof(float), "there is room");
+    Slides &slides = *reinterpret_cast<Slides *>(room); // in the place of joints
+#endif
     if constexpr (kGated) {
         TendonRow u[kBranch];
         transpose(h, y, tendons.rows);
@@ -228,7 +242,7 @@ static void two_pass(const aminn_model_t &model, const aminn_stage_model_t &stag
         take_last(tendons.rows, z);
         multiply(z, inv_d);
     }
-    slide(springs, in, grasp, tendons, y, (wanted & kWantDeflection) != 0, footings, z, out, summary.friction);
+    slide(springs, in, grasp, tendons, y, (wanted & kWantDeflection) != 0, slides, footings, z, out, summary.friction);
 #else
     if constexpr (kGated) {
 #if AMINN_LANES || AMINN_N_BRANCH < 3
@@ -257,7 +271,12 @@ static void two_pass(const aminn_model_t &model, const aminn_stage_model_t &stag
 #if AMINN_N_SLIDE
     cut_motion(model, out.dx);
     if ((wanted & kWantStiffness) != 0) {
+#if AMINN_LANES
         Row k_s[kMotion];
+#else
+        auto *k_s = reinterpret_cast<Row *>(room); // slides have done their work
+        static_assert(sizeof(Row[kMotion]) <= sizeof(Slides), "there is room");
+#endif
         soften_stiffness(in, scene, footings, grasp, k_s);
         for (int i = 0; i < kMotion; ++i) {
             store_in_si(k_s[i], scene.inv_scale, i, out.k_x);

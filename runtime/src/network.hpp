@@ -36,8 +36,11 @@ AMINN_INLINE void make_network_input(const aminn_model_t &model, const aminn_inp
         }
     }
     for (int i = 0; i < AMINN_N_WRENCH; ++i) {
-        const float w = in.w_e[i];
-        ctx.slog_w[i] = std::copysign(logarithm(1.0F + std::fabs(w) / model.wrench_log_scale[i]), w);
+        ctx.slog_w[i] = 1.0F + std::fabs(in.w_e[i]) / model.wrench_log_scale[i];
+    }
+    logarithms(ctx.slog_w, AMINN_N_WRENCH);
+    for (int i = 0; i < AMINN_N_WRENCH; ++i) {
+        ctx.slog_w[i] = std::copysign(ctx.slog_w[i], in.w_e[i]);
     }
 }
 
@@ -73,12 +76,13 @@ static void run_backbone(const aminn_model_t &model, const aminn_stage_model_t &
 
 #if AMINN_N_SLIDE
 // of each contact's friction, as networks see it
-AMINN_FUNCTION void logarithms(const Friction &friction, float seen[AMINN_N_SLID])
+AMINN_FUNCTION void see_friction(const Friction &friction, float seen[AMINN_N_SLID])
 {
     const auto *number = reinterpret_cast<const float *>(&friction);
     for (int i = 0; i < AMINN_N_SLID; ++i) {
-        seen[i] = logarithm(1.0F + number[i]);
+        seen[i] = 1.0F + number[i];
     }
+    logarithms(seen, AMINN_N_SLID);
 }
 #endif
 
@@ -100,13 +104,14 @@ static float classify(const aminn_model_t &model, const StaticsSummary &summary,
     float aux[AMINN_N_AUX];
     for (int i = 0; i < AMINN_N_WRENCH; ++i) {
         aux[i] = summary.x_s[i] * log_by_size;
-        aux[AMINN_N_WRENCH + i] = logarithm(summary.diag_k_s[i]);
+        aux[AMINN_N_WRENCH + i] = summary.diag_k_s[i];
     }
+    logarithms(aux + AMINN_N_WRENCH, AMINN_N_WRENCH);
     if constexpr (kGated) {
         std::memcpy(aux + 2 * AMINN_N_WRENCH, gate, kBranch * sizeof *gate);
     }
 #if AMINN_N_SLIDE
-    logarithms(summary.friction, aux + AMINN_N_AUX - AMINN_N_SLID);
+    see_friction(summary.friction, aux + AMINN_N_AUX - AMINN_N_SLID);
 #endif
     float *in = ctx.feature + h;
     normalise(aux, model.aux_mean, model.aux_inv_std, AMINN_N_AUX, in);
@@ -131,7 +136,7 @@ static bool doubt(const aminn_model_t &model, const StaticsSummary &summary, ami
     load_row(x, summary.x_s);
     float aux[AMINN_N_SURE] = {logarithm(1.0F + root(dot(x, x)) / model.displacement_log_scale)};
 #if AMINN_N_SLIDE
-    logarithms(summary.friction, aux + 1);
+    see_friction(summary.friction, aux + 1);
 #endif
     normalise(aux, model.sure_mean, model.sure_inv_std, AMINN_N_SURE, ctx.feature + h);
     float found[2];

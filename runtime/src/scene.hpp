@@ -9,11 +9,36 @@ inline namespace AMINN_CORE {
 
 // What the statics need of an input, the same for both stages. "Scaled": lengths divided by length_scale.
 struct Scene {
-    Row a_s[3 * kBranch]; // rows of j_x S
+#if AMINN_LANES
+    Row a_s[3 * kBranch]; // rows of j_x S; without vector registers they are as soon made as copied
+#endif
     float w_s[kMotion];   // S w_e
     float scale[kMotion]; // S
     float inv_scale[kMotion];
 };
+
+// n rows of j_x S
+AMINN_FUNCTION void scaled_rows(const aminn_input_t &in, const float scale[kMotion], int first, int n, Row *rows)
+{
+    const auto *j_x = reinterpret_cast<const float *>(in.j_x) + kMotion * first;
+    Row to_scaled;
+    load_row(to_scaled, scale);
+    for (int r = 0; r < n; ++r) {
+        load_row(rows[r], j_x + kMotion * r);
+        multiply(rows[r], to_scaled);
+    }
+}
+
+// the rows of j_x S of all branches
+AMINN_INLINE void take_rows(const aminn_input_t &in, const Scene &scene, Row rows[3 * kBranch])
+{
+#if AMINN_LANES
+    static_cast<void>(in);
+    std::memcpy(rows, scene.a_s, sizeof scene.a_s);
+#else
+    scaled_rows(in, scene.scale, 0, 3 * kBranch, rows);
+#endif
+}
 
 AMINN_INLINE void make_scene(const aminn_model_t &model, const aminn_input_t &in, Scene &scene)
 {
@@ -26,13 +51,9 @@ AMINN_INLINE void make_scene(const aminn_model_t &model, const aminn_input_t &in
         scene.inv_scale[3 + i] = model.length_scale;
         scene.w_s[3 + i] = in.w_e[3 + i] * inv_length;
     }
-    Row to_scaled;
-    load_row(to_scaled, scene.scale);
-    const auto *j_x = reinterpret_cast<const float *>(in.j_x);
-    for (int r = 0; r < 3 * kBranch; ++r) {
-        load_row(scene.a_s[r], j_x + kMotion * r);
-        multiply(scene.a_s[r], to_scaled);
-    }
+#if AMINN_LANES
+    scaled_rows(in, scene.scale, 0, 3 * kBranch, scene.a_s);
+#endif
 }
 
 // The first columns of rows with an identity as wide below, which this writes: rows becomes Q, and D and U come out.

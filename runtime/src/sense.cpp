@@ -41,6 +41,8 @@ void carry_weight(const aminn_model_t &model, const aminn_input_t &in, const flo
 {
     Scene scene;
     make_scene(model, in, scene);
+    Row a_s[3 * kBranch];
+    take_rows(in, scene, a_s);
     Row rows[2 * kBranch + kMotion];
     float row_weight[2 * kBranch + kMotion];
     float directions[kBranch][3][3];
@@ -56,10 +58,10 @@ void carry_weight(const aminn_model_t &model, const aminn_input_t &in, const flo
         const float c = in.contacts[b][0];
         Row along;
         for (int d = 0; d < 2; ++d) {
-            combine(rows[2 * b + d], scene.a_s + 3 * b, 3, directions[b][d]);
+            combine(rows[2 * b + d], a_s + 3 * b, 3, directions[b][d]);
             row_weight[2 * b + d] = c;
         }
-        combine(along, scene.a_s + 3 * b, 3, directions[b][2]);
+        combine(along, a_s + 3 * b, 3, directions[b][2]);
         const float pressing = c != 0.0F ? c * in.contacts[b][7] : 0.0F;
         for (int i = 0; i < kMotion; ++i) {
             missing[i] = subtract_product(missing[i], pressing, along[i]);

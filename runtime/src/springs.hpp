@@ -55,22 +55,22 @@ static_assert(kComputed <= AMINN_N_HEAD_STORED, "there are so many numbers");
 
 // head is overwritten, and may be springs. Of contacts that slide: what is told of their friction, and of the forces across
 // their normals before the load, N.
-static void springs_from_head(const aminn_model_t &model, const aminn_varied_t &varied, float friction,
-                              const float (*preload)[3], float *head, Branches *springs)
+[[gnu::noinline]] static void springs_from_head(const aminn_model_t &model, const aminn_varied_t &varied,
+                                                float friction, const float (*preload)[3], float *head,
+                                                Branches *springs)
 {
-    for (int i = 0; i < kBounded * kBranch; ++i) {
-        head[i] = hyperbolic_tangent(head[i]);
-    }
+    hyperbolic_tangents(head, kBounded * kBranch);
     float factor[kComputed];
     for (int i = 0; i < kComputed; ++i) {
-        factor[i] = exponential(model.log_range * head[i]);
+        factor[i] = model.log_range * head[i];
     }
+    exponentials(factor, kComputed);
     for (int g = 0; g < kGroups; ++g) {
         const int b = g * kSideBySide;
         const int n = in_group(g);
-        const auto raw = [&](int output) { return gather(head + output * kBranch + b, 1, n); };
+        const auto raw = [&](int output) AMINN_ALWAYS { return gather(head + output * kBranch + b, 1, n); };
         // cppcheck-suppress uninitvar ; the loop above fills all of it
-        const auto scaling = [&](int output) { return gather(factor + output * kBranch + b, 1, n); };
+        const auto scaling = [&](int output) AMINN_ALWAYS { return gather(factor + output * kBranch + b, 1, n); };
         const float *chol = varied.chol + AMINN_N_CHOLESKY * b;
         Branches nominal[kCoord];
         Branches mask[kCoord];
