@@ -232,7 +232,7 @@ static void a_name_without_an_end_is_refused(void)
 static void widths_beyond_the_runtime_are_refused(void)
 {
     size_t offset;
-    for (offset = 56; offset <= 64; offset += 4) { /* contact_width, width, classifier_width */
+    for (offset = 68; offset <= 76; offset += 4) { /* contact_width, width, classifier_width */
         const uint32_t kept = get_u32(offset);
         put_u32(offset, AMINN_MAX_WIDTH + 1);
         seal();

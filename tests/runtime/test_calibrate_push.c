@@ -525,7 +525,9 @@ static void pushes_narrow_friction(void)
                 measured[i][k] *= way == 3 ? 3.0F : 1.0F;
             }
             start(NULL);
-            PUSH(i);
+            for (k = 0; k < (way < 2 ? 20 : 1); ++k) { /* however often the same is learned, nothing is ruled out */
+                PUSH(i);
+            }
             for (k = 0; k < AMINN_N_COEFFICIENT; ++k) {
                 const float likelihood = calibrator.friction[k];
                 TEST_ASSERT_TRUE(likelihood >= 1e-6F && likelihood <= 1.0F);
@@ -535,7 +537,7 @@ static void pushes_narrow_friction(void)
             TEST_ASSERT_EQUAL_FLOAT(1.0F, most);
         }
     }
-    TEST_ASSERT_TRUE(least < 0.1F);
+    TEST_ASSERT_EQUAL_FLOAT(1e-6F, least);
     sensors.friction[0] = 0.5F;
     memcpy(&untouched, &calibrator, sizeof calibrator);
     assert_refused(AMINN_E_SENSORS, push(0));

@@ -125,6 +125,19 @@ static void absent_is_not_zero(void)
     assert_same_output(&untold, &out);
 }
 
+/* what stands in the row of a contact that is none carries nothing of the weight */
+static void a_contact_that_is_none_carries_nothing(void)
+{
+    aminn_output_t before;
+    sensors.tool_weight[0] = 1.0F;
+    sensors.tool_weight[3] = -1.0F;
+    in.contacts[0][0] = 0.0F;
+    before = told();
+    in.contacts[0][7] = 50.0F;
+    told();
+    assert_same_output(&before, &out);
+}
+
 static void friction_counts_as_far_as_it_is_known(void)
 {
     static const float classes[][3] = {AMINN_FRICTION_LOW, AMINN_FRICTION_MID, AMINN_FRICTION_HIGH};
@@ -222,6 +235,7 @@ int main(void)
     RUN_TEST(a_context_and_a_model_that_sees_are_needed);
     RUN_TEST(nothing_told_is_nothing_known);
     RUN_TEST(absent_is_not_zero);
+    RUN_TEST(a_contact_that_is_none_carries_nothing);
     RUN_TEST(friction_counts_as_far_as_it_is_known);
     RUN_TEST(what_no_sensor_says_is_refused);
     RUN_TEST(a_bad_state_comes_first);
