@@ -80,10 +80,12 @@ SELF_TEST = re.compile(r"aminn_self_test|probe_arithmetic|5probeEvE|5crc32E")
 
 
 # Members of the archive, and a function beside them, that an image which calibrates nothing has none of.
-CALIBRATION = re.compile(r"^calibrate(_push)?\.cpp\.")
+CALIBRATION = re.compile(r"^calibrate(_\w+)?\.cpp\.")
 CALIBRATION_CORE = re.compile(r"10run_motion")
 # And that of one which looks for no largest load.
 LOAD = re.compile(r"^admissible\.cpp\.")
+# And that of one which is told of no sensors.
+SENSE = re.compile(r"^sense\.cpp\.")
 
 
 def of_members(archive: Path, members: re.Pattern[str], core: re.Pattern[str] = re.compile(r"$^")) -> set[str]:
@@ -106,14 +108,16 @@ def library_text(archive: Path, image: Path) -> dict[str, int]:
     linked = {name for name, (_, kind) in symbols(listed(image)).items() if kind in "tTwWrRvV"}
     writable = [name for name, (_, kind) in found.items() if kind in "dDbBC"]
     calibration, load = of_members(archive, CALIBRATION, CALIBRATION_CORE), of_members(archive, LOAD)
+    sense = of_members(archive, SENSE)
     if writable:
         die(f"{archive}: holds writable data: {', '.join(writable)}")
-    rest = {n: s for n, s in own.items() if n in linked and n not in calibration | load}
+    rest = {n: s for n, s in own.items() if n in linked and n not in calibration | load | sense}
     return {
         "library_text_bytes": sum(s for n, s in rest.items() if not SELF_TEST.search(n)),
         "self_test_text_bytes": sum(s for n, s in rest.items() if SELF_TEST.search(n)),
         "calibration_text_bytes": sum(s for n, s in own.items() if n in linked and n in calibration),
         "admissible_load_text_bytes": sum(s for n, s in own.items() if n in linked and n in load),
+        "sense_text_bytes": sum(s for n, s in own.items() if n in linked and n in sense),
         "archive_text_bytes": sum(own.values()),
     }
 
