@@ -144,6 +144,10 @@ weights: setup-python setup-host setup-arm $(STAMPS)/apt-cross ## float32, float
 	  --json $(REPORTS)/weights.json
 	@echo "Report: $(REPORTS)/weights.json"
 
+.PHONY: cost
+cost: setup-python setup-host setup-arm ## cost of a prediction beside an earlier commit, rebuilt: instructions, time, flash, memory
+	@$(PYTHON) -m aminn_export.judge.cost --json $(REPORTS)/cost.json
+
 .PHONY: coverage
 coverage: $(STAMPS)/unity $(STAMPS)/apt-check ## lines and branches of runtime/src and runtime/host that the C tests reach
 	@tools/setup/coverage.sh $(BUILD)/coverage $(REPORTS)

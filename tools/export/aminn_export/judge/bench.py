@@ -140,7 +140,7 @@ def describe_cpu(cpuinfo: str) -> tuple[str, str]:
     return f"{fields['model name']}, family {fields['cpu family']}, model {fields['model']}", widest
 
 
-def _cpu() -> tuple[str, str]:
+def this_cpu() -> tuple[str, str]:
     cpuinfo = Path("/proc/cpuinfo")
     return describe_cpu(cpuinfo.read_text() if cpuinfo.is_file() else "")
 
@@ -201,7 +201,7 @@ def bench(model_dir: Path, vectors: Path, build_dir: Path, rounds: int = ROUNDS)
     blob = model_dir / f"{model_prefix(model_dir)}.bin"
     model = read_bin_model(blob)
     source, place = runtime_source(build_dir), find_runtime(build_dir, header_beside(model_dir))
-    cpu, registers = _cpu()
+    cpu, registers = this_cpu()
     with tempfile.TemporaryDirectory(prefix="aminn-bench-") as folder:
         program, graph, mlp = (Path(folder) / name for name in ("aminn_bench", "aminn.onnx", "mlp.onnx"))
         file = model_dir / ONNX_FILE

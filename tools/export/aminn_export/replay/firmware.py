@@ -22,24 +22,29 @@ SOURCE = Path(__file__).resolve().parents[4] / "runtime" / "firmware"
 
 
 def build_firmware(
-    model_dir: Path | str, build_dir: Path | str, model: str = "aminn_model", target: str = "cortex_m7"
+    model_dir: Path | str,
+    build_dir: Path | str,
+    model: str = "aminn_model",
+    target: str = "cortex_m7",
+    source: Path = SOURCE,
 ) -> Path:
     """Cross-compile runtime, model and controller loop; returns the image.
 
-    `model_dir` holds MODEL.c and MODEL.h as `aminn export` writes them. The build also proves that the image holds no
-    allocator. Raises AminnError if a program is missing or the build fails.
+    `model_dir` holds MODEL.c and MODEL.h as `aminn export` writes them, `source` is runtime/firmware of a
+    checkout. The build also proves that the image holds no allocator. Raises AminnError if a program is missing
+    or the build fails.
     """
     if shutil.which(COMPILER) is None:
         raise AminnError(f"{COMPILER} is not installed; on Debian: apt-get install {DEBIAN_PACKAGES}")
-    if not SOURCE.is_dir():
-        raise AminnError(f"{SOURCE}: not there; the firmware is built from a checkout of the repository")
+    if not source.is_dir():
+        raise AminnError(f"{source}: not there; the firmware is built from a checkout of the repository")
     build_dir, model_dir = Path(build_dir).resolve(), Path(model_dir).resolve()
     if not (model_dir / f"{model}.c").is_file():
         raise AminnError(f"{model_dir}: no {model}.c; run aminn export")
-    configure = ["cmake", "-S", str(SOURCE), "-B", str(build_dir), f"-DMODEL_DIR={model_dir}", f"-DMODEL={model}"]
+    configure = ["cmake", "-S", str(source), "-B", str(build_dir), f"-DMODEL_DIR={model_dir}", f"-DMODEL={model}"]
     configure.append(f"-DAMINN_HAND={header_beside(model_dir) or ''}")
     if not (build_dir / "CMakeCache.txt").is_file():
-        configure += [f"-DCMAKE_TOOLCHAIN_FILE={SOURCE / 'arm-none-eabi.cmake'}", f"-DBOARD={BOARDS[target]}"]
+        configure += [f"-DCMAKE_TOOLCHAIN_FILE={source / 'arm-none-eabi.cmake'}", f"-DBOARD={BOARDS[target]}"]
     run_program(configure, "configuring the firmware", packages=DEBIAN_PACKAGES)
     run_program(["cmake", "--build", build_dir], "building the firmware")
     return build_dir / "aminn_firmware.elf"
