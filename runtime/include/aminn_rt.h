@@ -65,7 +65,7 @@
  *     every context that was initialised with it. A model made by aminn_model_from_blob() points into the blob: the
  *     blob must outlive it, unchanged.
  *   - The context (aminn_t) belongs to the caller: static, on a stack, wherever. sizeof(aminn_t) is a compile-time
- *     constant and is all the working memory that a prediction needs beside its stack (about 3 kB on a Cortex-M7, 5 kB
+ *     constant and is all the working memory that a prediction needs beside its stack (about 2 kB on a Cortex-M7, 3 kB
  *     with contacts that slide; docs/runtime.md has the measured figure). It may be moved or copied with memcpy between
  *     calls. There is nothing to free.
  *   - Alignment: natural alignment of float and of pointers. No stricter alignment is ever assumed.
