@@ -5538,6 +5538,7 @@ const aminn_model_t aminn_model = {
     .sure_w = aminn_model_sure_w,
     .sure_b = aminn_model_sure_b,
     .known_answer = &aminn_model_known_answer,
+    .storage = NULL,
     .stage = {{
         .eps_kx = 0x1.47ae14p-7f,
         .eps_jq = 0x1.0624dep-10f,
