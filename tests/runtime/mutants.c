@@ -14,7 +14,7 @@
 #include "comparison.h"
 #include "host_file.h"
 
-enum { SAME_BITS = 0, OTHER_BITS = 1, BEYOND_LIMITS = 2, REFUSED = 3, HEADER = 320, CRC = 12, BODY = 16 };
+enum { SAME_BITS = 0, OTHER_BITS = 1, BEYOND_LIMITS = 2, REFUSED = 3, HEADER = 384, CRC = 12, BODY = 16 };
 
 #define HALF 0x80000000u
 #define BYTE 0x40000000u
