@@ -1,5 +1,4 @@
 // A model as bytes in memory (docs/model-format.md).
-#include <iterator>
 
 #include "crc.hpp"
 #include "parts.hpp"
@@ -121,8 +120,13 @@ bool place_tables(const uint8_t *bytes, size_t len, aminn_model_t &m)
     return at == len;
 }
 
-constexpr const aminn_storage_t *kStorages[] = {nullptr, &aminn_storage_float16, &aminn_storage_int8};
-static_assert(AMINN_WEIGHTS_FLOAT32 == 0 && AMINN_WEIGHTS_FLOAT16 == 1 && AMINN_WEIGHTS_INT8 == 2, "in this order");
+// No table: its addresses would be data that a loader writes.
+const aminn_storage_t *storage_of(uint32_t weight_type)
+{
+    return weight_type == AMINN_WEIGHTS_FLOAT16 ? &aminn_storage_float16
+           : weight_type == AMINN_WEIGHTS_INT8  ? &aminn_storage_int8
+                                                : nullptr;
+}
 
 bool widths_sane(const aminn_model_t &m)
 {
@@ -140,11 +144,11 @@ aminn_status_t load(const uint8_t *bytes, size_t len, aminn_model_t &m)
     if (!widths_sane(m)) { // before they are multiplied
         return AMINN_E_DIMS;
     }
-    m.storage = m.weight_type < std::size(kStorages) ? kStorages[m.weight_type] : nullptr;
+    m.storage = storage_of(m.weight_type);
     const bool named = place_names(bytes, m);
     const bool placed = place_tables(bytes, len, m);
     const aminn_status_t checked = aminn_model_check(&m);
-    if (checked == AMINN_E_DIMS || m.weight_type >= std::size(kStorages)) { // they make other lengths: name the cause
+    if (checked == AMINN_E_DIMS || m.weight_type > AMINN_WEIGHTS_INT8) { // they make other lengths: name the cause
         return checked;
     }
     if (!placed) {

@@ -5,7 +5,7 @@
 namespace aminn {
 namespace {
 
-bool sound(const void *w, uint32_t n)
+bool float16_sound(const void *w, uint32_t n)
 {
     const auto *values = static_cast<const uint16_t *>(w);
     bool ok = true;
@@ -19,8 +19,8 @@ bool sound(const void *w, uint32_t n)
 } // namespace aminn
 
 #if AMINN_LANES
-extern "C" const aminn_storage_t aminn_storage_float16 = {AMINN_WEIGHTS_FLOAT16, aminn::sound};
+extern "C" const aminn_storage_t aminn_storage_float16 = {AMINN_WEIGHTS_FLOAT16, aminn::float16_sound};
 #else
-extern "C" const aminn_storage_t aminn_storage_float16 = {AMINN_WEIGHTS_FLOAT16, aminn::sound,
+extern "C" const aminn_storage_t aminn_storage_float16 = {AMINN_WEIGHTS_FLOAT16, aminn::float16_sound,
                                                           aminn::dense_stored<uint16_t>};
 #endif

@@ -5,7 +5,7 @@
 namespace aminn {
 namespace {
 
-bool sound(const void *, uint32_t)
+bool int8_sound(const void *, uint32_t)
 {
     return true; // each byte is a number
 }
@@ -14,7 +14,8 @@ bool sound(const void *, uint32_t)
 } // namespace aminn
 
 #if AMINN_LANES
-extern "C" const aminn_storage_t aminn_storage_int8 = {AMINN_WEIGHTS_INT8, aminn::sound};
+extern "C" const aminn_storage_t aminn_storage_int8 = {AMINN_WEIGHTS_INT8, aminn::int8_sound};
 #else
-extern "C" const aminn_storage_t aminn_storage_int8 = {AMINN_WEIGHTS_INT8, aminn::sound, aminn::dense_stored<int8_t>};
+extern "C" const aminn_storage_t aminn_storage_int8 = {AMINN_WEIGHTS_INT8, aminn::int8_sound,
+                                                       aminn::dense_stored<int8_t>};
 #endif

@@ -645,7 +645,7 @@ static const aminn_known_answer_t byte_model_known_answer = {
 
 const aminn_model_t byte_model = {
     .format_version = 10u,
-    .content_crc = 0x56fde359u,
+    .content_crc = 0x24355c6fu,
     .n_branch = 3u,
     .n_coord = 3u,
     .n_joint = 8u,
@@ -663,7 +663,7 @@ const aminn_model_t byte_model = {
     .classifier_width = 7u,
     .dq0 = AMINN_DQ0_STATICS,
     .weight_type = AMINN_WEIGHTS_INT8,
-    .stages_crc = 0x89d6dc9cu,
+    .stages_crc = 0xeb6016d7u,
     .length_scale = 0x1.99999ap-4f,
     .log_range = 0x1p+1f,
     .displacement_log_scale = 0x1.0624dep-10f,
