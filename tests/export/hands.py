@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from runtime_models import SLIDES
+from runtime_models import SLIDES, UNCUT
 
 from aminn.hand.nominal import nominal_of, stiffness_terms
 from aminn_export.files.ranges import state_ranges
@@ -182,8 +182,8 @@ def random_model(
         "eps_jq": [1e-3, 1e-3],
         "dq0": "statics",
         "friction_nominal": 0.75,
-        "max_translation": 1e3,  # cuts nothing: limits of verify follow the size of motions
-        "max_rotation": 1e4,
+        "max_translation": UNCUT[0],
+        "max_rotation": UNCUT[1],
         "bound_edge": [0.25, 0.5, 0.75],
         "bound_factor": [0.9, 1.1, 1.2, 1.5],
         **counts,

@@ -85,8 +85,18 @@ def _terms(chol: NDArray, gain: NDArray) -> NDArray:
     return terms
 
 
+UNCUT = (1e3, 1e4)
+"""Bounds of motion, m and rad, that cut nothing: limits of verify follow the size of motions."""
+STABLE = (0.010, 0.35)
+"""Those of a grasp that holds."""
+
+
 def random_model(
-    seed: int = 0, widths: tuple[int, int, int] = (32, 64, 32), dq0: str = "statics", eps_m: float = 1e-4
+    seed: int = 0,
+    widths: tuple[int, int, int] = (32, 64, 32),
+    dq0: str = "statics",
+    eps_m: float = 1e-4,
+    motion_limits: tuple[float, float] = UNCUT,
 ) -> RandomModel:
     """Random weights of a trained model's size; normalisation fitted to `random_inputs`; tau at the median p_stable."""
     rng = np.random.default_rng(seed)
@@ -122,8 +132,8 @@ def random_model(
         "eps_jq": [1e-3, 1e-3],
         "dq0": dq0,
         "friction_nominal": 0.75,
-        "max_translation": 1e3,  # cuts nothing: limits of verify follow the size of motions
-        "max_rotation": 1e4,
+        "max_translation": motion_limits[0],
+        "max_rotation": motion_limits[1],
         "bound_edge": [0.25, 0.5, 0.75],
         "bound_factor": [0.9, 1.1, 1.2, 1.5],
         "branches": list(BRANCHES),

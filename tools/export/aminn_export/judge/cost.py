@@ -22,7 +22,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from aminn_base.files import check_outputs, write_json
+from aminn_base.files import check_outputs, write_atomically, write_json
 from aminn_base.program import Messages
 from aminn_base.run import run_program
 
@@ -171,7 +171,7 @@ def on_this_machine(found: list[Subject], isa: str, work: Path, turns: int) -> R
     states = work / "states.bin"
     inputs = read_vectors(found[1].vectors).inputs
     numbers = [inputs[name].reshape(len(inputs["q"]), -1) for name in dims_of(_model(found[1])).inputs]
-    states.write_bytes(np.concatenate(numbers, axis=1).astype("<f4").tobytes())
+    write_atomically(states, np.concatenate(numbers, axis=1).astype("<f4").tobytes())
     programs = {subject.name: timed_program(subject, isa, work) for subject in found}
     times: dict[str, list[float]] = {name: [] for name in programs}
     for _ in range(turns):
