@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hands import Model, random_model, random_states
 from numpy.typing import NDArray
-from runtime_models import SLIDES, random_sensors
+from runtime_models import SLIDES, UNCUT, random_sensors
 from test_theta_export import ALL, NEEDED, N, relative, replayed, thetas
 
 from aminn_base.errors import AminnError
@@ -123,7 +123,7 @@ def test_the_files_say_what_a_model_sees(tmp_path: Path) -> None:
     out = exported(model, tmp_path / "export")
     metadata = read_metadata(out / ONNX_FILE)
     assert metadata["sensors"] is True and metadata["friction"] == "secant"
-    assert metadata["motion_limits"] == [0.010, 0.35]
+    assert metadata["motion_limits"] == list(UNCUT)
     assert metadata["friction_classes"]["mid"] == pytest.approx(FRICTION_CLASSES["mid"])
     assert {"friction", "tool_weight", "tendon_tension", "bound_95"} <= metadata["units"].keys()
     header = (out / "aminn_hand.h").read_text()
