@@ -141,24 +141,24 @@ template <class AnyRegister, class Weight>
         dense_block<AnyRegister, 4>(w + at, n_out, b + at, x, n_in, 3 * kWidth, floor, y + at);
     }
     const int last = n_out - at - kWidth; // of the rest; the last register may share outputs with the one before it
-    const auto rest = [&](auto count) {
-        dense_block<AnyRegister, count>(w + at, n_out, b + at, x, n_in, last, floor, y + at);
-    };
+    w += at;
+    b += at;
+    y += at;
     switch ((last + kWidth - 1) / kWidth) {
     case 0:
-        rest(std::integral_constant<int, 1>());
+        dense_block<AnyRegister, 1>(w, n_out, b, x, n_in, last, floor, y);
         break;
     case 1:
-        rest(std::integral_constant<int, 2>());
+        dense_block<AnyRegister, 2>(w, n_out, b, x, n_in, last, floor, y);
         break;
     case 2:
-        rest(std::integral_constant<int, 3>());
+        dense_block<AnyRegister, 3>(w, n_out, b, x, n_in, last, floor, y);
         break;
     case 3:
-        rest(std::integral_constant<int, 4>());
+        dense_block<AnyRegister, 4>(w, n_out, b, x, n_in, last, floor, y);
         break;
     default:
-        rest(std::integral_constant<int, kRegisters>());
+        dense_block<AnyRegister, kRegisters>(w, n_out, b, x, n_in, last, floor, y);
         break;
     }
 }
