@@ -36,6 +36,7 @@ from .verify import model_prefix, onnx_session, samples_of_dataset, scaled_condi
 UNIT = 2.0**-24
 """Unit roundoff of float32."""
 P_STABLE_LIMIT = 2e-6
+"""Or what ONNX Runtime is off by, if that is more: where a contact begins to slide p_stable is steep in everything."""
 SPINNING_M = 1.0
 """No grasp moves its tool further (rotations times 0.1 m); the linear model does where nothing hinders a rotation."""
 WELL_CONDITIONED = 1e6
@@ -234,7 +235,8 @@ def failures(f: Figures) -> list[str]:
         ("adversarial", "adversarial_runtime_p_stable_max"),
         ("adversarial, within the training range", "adversarial_in_range_p_stable_max"),
     ):
-        if not float(f[key]) <= P_STABLE_LIMIT:
+        onnx = float(f[f"{what.partition(',')[0]}_onnx_p_stable_max"])
+        if not float(f[key]) <= max(P_STABLE_LIMIT, onnx):
             wrong.append(f"{what}: p_stable off by {f[key]:.3g}")
     return wrong
 
