@@ -74,10 +74,13 @@ def test_theta_is_another_hand(name: str) -> None:
     assert relative(nominal["k_x"], wanted["k_x"]) > 0.05
 
 
-@pytest.mark.parametrize("name", ALL)
-def test_the_graph_follows_theta(name: str) -> None:
+STICK = [(name, False, 2e-5) for name in ALL]
+
+
+@pytest.mark.parametrize(("name", "slides", "most"), [*STICK, ("reference", True, 2e-4)])
+def test_the_graph_follows_theta(name: str, slides: bool, most: float) -> None:
     hand = ALL[name]()
-    model, x, theta = random_model(hand, told=True), random_states(hand, N, 2), thetas(hand, N)
+    model, x, theta = random_model(hand, told=True, slides=slides), random_states(hand, N, 2), thetas(hand, N)
     graph = build_onnx(model, debug=True)
     onnx.checker.check_model(graph, full_check=True)
     assert {node.domain for node in graph.graph.node} == {""}
@@ -86,7 +89,7 @@ def test_the_graph_follows_theta(name: str) -> None:
     for given in (x | {"theta": theta}, x, x | {"theta": theta[:1]}):
         found, wanted = dict(zip(names, session.run(names, given), strict=True)), exact(given)
         for output in ("dx_ht", "k_x", "s1_k_spring", "s2_k_spring"):
-            assert relative(found[output], wanted[output]) < 2e-4, output
+            assert relative(found[output], wanted[output]) < most, output
         assert np.abs(found["p_stable"] - wanted["p_stable"]).max() < 1e-5
     zeros = session.run(names, x | {"theta": 0 * theta})
     nominal = session.run(names, x)
@@ -138,10 +141,12 @@ def replayed(build_dir: Path, model: Path, vectors: Path, out: Path) -> Results:
     return read_results(out)
 
 
-def test_theta_in_c_is_another_hand(build_dir: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("friction", "most"), [(1e6, 1e-5), (0.75, 3e-5)])
+def test_theta_in_c_is_another_hand(friction: float, most: float, build_dir: Path, tmp_path: Path) -> None:
     """Also of a model that is not told: its layer follows. A theta beyond the bounds spoils its own sample alone."""
     hand = ALL["reference"]()
     model, x, theta = random_model(hand), random_states(hand, N, 2), thetas(hand, 1)
+    model.meta["friction_nominal"] = friction  # with much of it nothing slides
     exact = Reference(model)(x | {"theta": np.tile(theta, (N, 1))})
     rows = np.tile(theta, (N, 1))
     rows[5, 0] = 3.5
@@ -155,8 +160,8 @@ def test_theta_in_c_is_another_hand(build_dir: Path, tmp_path: Path) -> None:
     assert found.status.tolist() == [E_CALIBRATION * (i == 5) for i in range(N)]
     assert runtime().status_name(E_CALIBRATION) == "AMINN_E_CALIBRATION"
     assert np.isnan(found.outputs["dx_ht"][5]).all() and found.outputs["p_stable"][5] == 0
-    assert relative(found.outputs["dx_ht"][good], exact["dx_ht"][good]) < 3e-5
-    assert relative(found.outputs["dx_ht"][good], other.outputs["dx_ht"][good]) < 3e-5
+    assert relative(found.outputs["dx_ht"][good], exact["dx_ht"][good]) < most
+    assert relative(found.outputs["dx_ht"][good], other.outputs["dx_ht"][good]) < most
 
 
 def test_the_files_say_what_a_model_is_told(told_dir: Path) -> None:

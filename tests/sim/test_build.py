@@ -28,7 +28,7 @@ OTHER = {"library": "libmujoco.so.2.2.2", "from": "the system", "sha256": "ab" *
 def test_another_build_gives_the_same_bytes() -> None:
     library = system_library()
     if library is None:
-        pytest.skip("the system has no other MuJoCo 2.2.2: libmujoco2.2.2 is not installed")
+        pytest.skip("one build of MuJoCo 2.2.2 is here, nothing to compare: `make test` installs Debian's as well")
     variants = {"here": Variant(sys.executable), "system": Variant(sys.executable, library)}
     figures = compare(variants, grasps=10, cases=20, seed=5, threads=2, rounds=1)
     assert figures["labels_same_bits_as_system"] is True
