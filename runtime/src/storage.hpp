@@ -15,4 +15,10 @@ struct aminn_storage {
 #endif
 };
 
+#if AMINN_LANES
+#define AMINN_STORAGE(type, sound, Weight) {type, sound}
+#else
+#define AMINN_STORAGE(type, sound, Weight) {type, sound, aminn::dense_stored<Weight>}
+#endif
+
 #endif

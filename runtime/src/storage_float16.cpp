@@ -18,9 +18,5 @@ bool float16_sound(const void *w, uint32_t n)
 } // namespace
 } // namespace aminn
 
-#if AMINN_LANES
-extern "C" const aminn_storage_t aminn_storage_float16 = {AMINN_WEIGHTS_FLOAT16, aminn::float16_sound};
-#else
-extern "C" const aminn_storage_t aminn_storage_float16 = {AMINN_WEIGHTS_FLOAT16, aminn::float16_sound,
-                                                          aminn::dense_stored<uint16_t>};
-#endif
+extern "C" const aminn_storage_t aminn_storage_float16 =
+    AMINN_STORAGE(AMINN_WEIGHTS_FLOAT16, aminn::float16_sound, uint16_t);

@@ -13,9 +13,4 @@ bool int8_sound(const void *, uint32_t)
 } // namespace
 } // namespace aminn
 
-#if AMINN_LANES
-extern "C" const aminn_storage_t aminn_storage_int8 = {AMINN_WEIGHTS_INT8, aminn::int8_sound};
-#else
-extern "C" const aminn_storage_t aminn_storage_int8 = {AMINN_WEIGHTS_INT8, aminn::int8_sound,
-                                                       aminn::dense_stored<int8_t>};
-#endif
+extern "C" const aminn_storage_t aminn_storage_int8 = AMINN_STORAGE(AMINN_WEIGHTS_INT8, aminn::int8_sound, int8_t);
