@@ -7,10 +7,11 @@ cd "$(dirname "$0")/../.."
 build=$1 reports=$2
 mkdir -p "$reports"
 for form in lanes scalar; do
-  flags="--coverage -O0 -fno-inline -DAMINN_INLINE=inline"
+  count="--coverage -fprofile-update=atomic" # some tests have threads
+  flags="$count -O0 -fno-inline -DAMINN_INLINE=inline"
   [[ $form == scalar ]] && flags+=" -DAMINN_RT_SCALAR"
   tools/setup/quiet.sh "$build/$form-configure.log" cmake -S . -B "$build/$form" -G Ninja -DCMAKE_BUILD_TYPE=Debug \
-    -DAMINN_BUILD_TESTING=ON -DAMINN_TEST_HANDS=OFF -DAMINN_RT_DISPATCH=OFF "-DCMAKE_C_FLAGS=--coverage" "-DCMAKE_CXX_FLAGS=$flags"
+    -DAMINN_BUILD_TESTING=ON -DAMINN_TEST_HANDS=OFF -DAMINN_RT_DISPATCH=OFF "-DCMAKE_C_FLAGS=$count" "-DCMAKE_CXX_FLAGS=$flags"
   tools/setup/quiet.sh "$build/$form-build.log" cmake --build "$build/$form" --parallel "$(nproc)"
   find "$build/$form" -name '*.gcda' -delete
   # those that replay files run into a limit of the size of files, which cuts what gcov counts as well
