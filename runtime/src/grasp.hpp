@@ -82,12 +82,12 @@ AMINN_INLINE void orthogonalise_contact(Joints &joints, Contact &contact, Branch
         for (int r = 0; r < n; ++r) {
             add(r, j, j);
         }
-        sum[n % 2][j] = n < 2 ? compliance : sum[n % 2][j] + compliance;
+        sum[n % 2][j] = kCoord < 2 && n < 2 ? compliance : sum[n % 2][j] + compliance;
         contact.d[j] = sum[0][j] + sum[1][j];
         inv_d[j] = 1.0F / contact.d[j];
         AMINN_UNROLL
         for (int k = j + 1; k < kSeen; ++k) {
-            u[j][k] = inv_d[j] * (n < 2 ? sum[0][k] : sum[0][k] + sum[1][k]);
+            u[j][k] = inv_d[j] * (kCoord < 2 && n < 2 ? sum[0][k] : sum[0][k] + sum[1][k]);
             AMINN_UNROLL
             for (int r = 0; r < n; ++r) {
                 q[r][k] = subtract_product(q[r][k], q[r][j], u[j][k]);
