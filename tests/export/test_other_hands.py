@@ -18,7 +18,7 @@ from aminn_export.files.tables import branch_joints, dims_of
 from aminn_export.judge.identity import check_model_hand, misfits
 from aminn_export.replay.runtime_place import find_in
 from aminn_hand.theta import Theta
-from aminn_rt import compiled
+from aminn_rt import compiled, sources
 from aminn_rt.compiled import runtime, runtime_for
 
 RUNTIME = Path(__file__).resolve().parents[2] / "runtime"
@@ -81,8 +81,8 @@ def test_without_a_compiler_the_remedy_is_named(tmp_path: Path, monkeypatch: pyt
     monkeypatch.setenv("CXX", "no-such-compiler")
     with pytest.raises(AminnError, match=r"needs the C runtime for a hand .* no-such-compiler.* apt-get install"):
         write_model_files(random_model(HANDS["gripper"]()), tmp_path, "aminn_model")
-    monkeypatch.setattr(compiled, "SOURCES", tmp_path / "gone")
-    with pytest.raises(AminnError, match="checkout of the repository"):
+    monkeypatch.setattr(sources, "__file__", str(tmp_path / "site-packages" / "aminn_rt" / "sources.py"))
+    with pytest.raises(AminnError, match=r"sources are in none of .*aminn_rt/source, .*install the package again"):
         write_model_files(random_model(HANDS["gripper"]()), tmp_path, "aminn_model")
     assert not list(tmp_path.glob("*"))
 

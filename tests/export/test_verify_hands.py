@@ -27,11 +27,11 @@ from aminn_export.judge.compare import compare_files
 from aminn_export.judge.verdict import compare_bits
 from aminn_export.judge.verify import verify
 from aminn_export.replay.runtime_place import find_runtime
-from aminn_export.replay.targets import RUNTIME
 from aminn_export.samples.golden import run_onnx, single_thread_session
 from aminn_export.samples.reference import Reference
 from aminn_export.samples.vectors import Results, write_results, write_vectors
 from aminn_hand.hand import Hand
+from aminn_rt.sources import runtime_source
 
 N = 60
 EVERY = os.environ.get("AMINN_EVERY_HAND") == "1"
@@ -60,7 +60,7 @@ def test_the_runtime_repeats_onnx(name: str, build_dir: Path, tmp_path: Path, tr
     assert [report[f"{target}_different_words"] for target in ("host_c", *targets)] == [0] * (1 + len(targets))
     trust[f"hands_{name}_dx_share_of_limit_max"] = report["host_bin_dx_share_of_limit_max"]
     own = find_runtime(build_dir)  # is still what it was
-    assert own.hand == RUNTIME / "include" / "aminn_hand.h" and build_dir in own.replay.parents
+    assert own.hand == runtime_source() / "include" / "aminn_hand.h" and build_dir in own.replay.parents
 
 
 def test_a_checkpoint_becomes_the_files_of_its_hand(tmp_path: Path) -> None:

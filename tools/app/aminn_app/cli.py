@@ -504,9 +504,9 @@ def predict(
     "--build",
     "build_dir",
     type=click.Path(path_type=Path, file_okay=False),
-    default=Path("build/host"),
-    show_default=True,
-    help="Compiled runtime: a build folder, or the prefix that it is installed with.",
+    default=None,
+    help="Compiled runtime: a build folder, or the prefix that it is installed with  [default: the checkout's "
+    "build/host, else built from the sources that come along and kept in your cache folder]",
 )
 @click.option(
     "--samples",
@@ -531,7 +531,7 @@ def predict(
 def verify(
     export_dir: Path,
     data: Path,
-    build_dir: Path,
+    build_dir: Path | None,
     samples: int | None,
     firmware: bool,
     targets: tuple[str, ...],

@@ -23,13 +23,13 @@ from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically, write_json
 from aminn_base.program import Messages
 from aminn_hand import Hand
+from aminn_rt.sources import runtime_source
 
 from .whole_path import Stopwatch, whole_path
 
 Array = NDArray[np.float64]
 GRASPS, CASES = 250, 16
 STEP_RAD = 1e-5
-SIZE_REPORT = Path(__file__).resolve().parents[3] / "runtime" / "tools" / "size_report.py"
 CORE = "cortex_m7"
 CLOSURE_LIMIT = 1e-6
 
@@ -62,11 +62,11 @@ def sizes(exported: Path, work: Path) -> dict[str, Any]:
     run = run_firmware(image, exported / "golden.bin", work / "results.bin", CORE)
     kept, out = work / "firmware.json", work / "size.json"
     write_json(kept, run)
-    command = [sys.executable, str(SIZE_REPORT), f"{CORE}={image.parent}:{kept}"]
+    command = [sys.executable, str(runtime_source() / "tools" / "size_report.py"), f"{CORE}={image.parent}:{kept}"]
     command += ["--model", str(exported / "aminn_model.c"), "--out", str(out)]
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
-        raise AminnError(f"{SIZE_REPORT.name}: {done.stderr.strip()}")
+        raise AminnError(f"size_report.py: {done.stderr.strip()}")
     figures = json.loads(out.read_text())
     return {k: v for k, v in figures.items() if k.startswith(f"{CORE}_")}
 

@@ -61,7 +61,7 @@ def run_export(
 def run_verify(
     exported: Path,
     data: Path,
-    build: Path,
+    build: Path | None,
     samples: int | None = None,
     firmware: bool = False,
     echo: Callable[[str], object] = click.echo,

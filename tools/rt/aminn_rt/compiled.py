@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import ctypes
 import functools
-import hashlib
 import importlib.util
 import os
 import shutil
@@ -28,13 +27,10 @@ from aminn_hand.sensors import UNITS
 
 from .blob import output_words
 from .hand_header import COUNTS, HAND_HEADER, counts_of, hand_header
+from .sources import DEBIAN_PACKAGES, cache_folder, source_tree, sources_digest
 
-SOURCES = Path(__file__).resolve().parents[1]
-RUNTIME = SOURCES.parents[1] / "runtime"
 MODULE = "aminn_rt._runtime"
 LIBRARY = "_runtime.so"
-DEBIAN_PACKAGES = "cmake g++ make"
-_SUFFIXES = {".c", ".cpp", ".h", ".hpp", ".txt", ".cmake", ".map"}
 QUICKLY = ("-DCMAKE_CXX_FLAGS_RELEASE=-O1 -DNDEBUG", "-DAMINN_RT_DISPATCH=OFF")
 """Compiled in a third of the time, for a few predictions; the bits are the same."""
 ALWAYS_STAGE2, DEBUG = 1, 2
@@ -283,17 +279,6 @@ def runtime_for(dims: Dims, quickly: bool = True) -> Library:
     return runtime() if is_own(dims) else _built(dims, QUICKLY if quickly else ())
 
 
-def cache_folder() -> Path:
-    """Where built runtimes are kept."""
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "aminn" / "runtime"
-
-
-def _sources() -> list[Path]:
-    folders = (*(RUNTIME / name for name in ("src", "host", "include", "cmake")), SOURCES, SOURCES / "src")
-    found = [file for folder in folders for file in sorted(folder.glob("*")) if file.suffix in _SUFFIXES]
-    return [RUNTIME / "CMakeLists.txt", *found]
-
-
 @functools.cache
 def _built(dims: Dims, options: tuple[str, ...]) -> Library:
     """The library of a hand; what was built from the same sources before is taken as it is."""
@@ -301,13 +286,9 @@ def _built(dims: Dims, options: tuple[str, ...]) -> Library:
     counts = "x".join(map(str, counts_of(dims).values()))
     text = hand_header(counts, dims)
     what = f"the C runtime for a hand of {dims.branches} branches and {dims.joints} joints"
-    if not (SOURCES / "CMakeLists.txt").is_file():
-        raise AminnError(f"{what} is compiled from a checkout of the repository: {SOURCES} is not there")
-    digest = hashlib.sha256("\n".join((text, *options)).encode())
-    for file in _sources():
-        digest.update(file.read_bytes())
-    folder = cache_folder()
-    library = folder / f"{counts}-{digest.hexdigest()[:16]}.so"
+    tree, folder = source_tree(), cache_folder()
+    source = tree / "tools" / "rt"
+    library = folder / f"{counts}-{sources_digest(tree, text, *options)}.so"
     if library.is_file():
         return Library(library)
     for compiler in (os.environ.get("CXX", "c++"), os.environ.get("CC", "cc")):
@@ -322,7 +303,7 @@ def _built(dims: Dims, options: tuple[str, ...]) -> Library:
             header = Path(work) / HAND_HEADER
             header.write_text(text)
             build = Path(work) / "build"
-            configure = ["cmake", "-S", str(SOURCES), "-B", str(build), f"-DAMINN_HAND={header}", *options]
+            configure = ["cmake", "-S", str(source), "-B", str(build), f"-DAMINN_HAND={header}", *options]
             run_program(configure, f"configuring {what}", packages=DEBIAN_PACKAGES)
             run_program(["cmake", "--build", str(build), "--parallel"], f"building {what}", packages=DEBIAN_PACKAGES)
             os.replace(build / LIBRARY, library)

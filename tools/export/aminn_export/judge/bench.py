@@ -40,7 +40,7 @@ from ..files.bin_model import BinModel, read_bin_model
 from ..files.hand_header import header_beside
 from ..files.onnx_model import IR_VERSION, ONNX_FILE, OPSET, build_onnx
 from ..files.tables import dims_of
-from ..replay.runtime_place import RuntimePlace, find_in, find_runtime, runtime_source
+from ..replay.runtime_place import RuntimePlace, find_in, find_runtime, source_of
 from ..replay.targets import run
 from ..samples.golden import GOLDEN_FILE
 from ..samples.vectors import read_vectors
@@ -200,7 +200,7 @@ def bench(model_dir: Path, vectors: Path, build_dir: Path, rounds: int = ROUNDS)
     """Times in microseconds a call, and their ratios. Raises AminnError where something is missing."""
     blob = model_dir / f"{model_prefix(model_dir)}.bin"
     model = read_bin_model(blob)
-    source, place = runtime_source(build_dir), find_runtime(build_dir, header_beside(model_dir))
+    source, place = source_of(build_dir), find_runtime(build_dir, header_beside(model_dir))
     cpu, registers = this_cpu()
     with tempfile.TemporaryDirectory(prefix="aminn-bench-") as folder:
         program, graph, mlp = (Path(folder) / name for name in ("aminn_bench", "aminn.onnx", "mlp.onnx"))

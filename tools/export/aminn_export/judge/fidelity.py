@@ -24,10 +24,11 @@ from aminn_base.files import check_outputs, write_json
 from aminn_base.program import Messages
 from aminn_hand.hand import INPUTS, OUTPUTS
 from aminn_rt.ranges import within_ranges
+from aminn_rt.sources import runtime_source
 
 from ..files.bin_model import BinModel, read_bin_model
 from ..files.tables import dims_of, pair_of
-from ..replay.targets import RUNTIME, TARGETS, replay_all, run
+from ..replay.targets import TARGETS, replay_all, run
 from ..samples.adversarial import KINDS, adversarial_states
 from ..samples.reference import Array, Reference, Statics
 from ..samples.vectors import Results, read_results, write_vectors
@@ -172,10 +173,10 @@ def truth_is_sound(model: BinModel, inputs: dict[str, NDArray], truth: dict[str,
 
 def ulp_figures(work: Path, stride: int) -> Figures:
     """Largest errors of the elementary functions; raises AminnError where one exceeds its bound."""
-    program = work / "aminn_ulp"
-    source = RUNTIME / "tools" / "aminn_ulp.cpp"
-    command = ["g++", "-std=c++17", "-O2", "-ffp-contract=off", "-fno-math-errno", f"-I{RUNTIME / 'include'}"]
-    run([*command, f"-I{RUNTIME / 'src'}", str(source), "-o", str(program)], "compiling aminn_ulp")
+    program, runtime = work / "aminn_ulp", runtime_source()
+    source = runtime / "tools" / "aminn_ulp.cpp"
+    command = ["g++", "-std=c++17", "-O2", "-ffp-contract=off", "-fno-math-errno", f"-I{runtime / 'include'}"]
+    run([*command, f"-I{runtime / 'src'}", str(source), "-o", str(program)], "compiling aminn_ulp")
     return {"elementary_stride": stride} | json.loads(run([str(program), str(stride)], "aminn_ulp"))
 
 

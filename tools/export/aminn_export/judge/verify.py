@@ -352,7 +352,7 @@ def _cases(target: str, verdict: Verdict, what: str) -> list[Case]:
 def run_verification(
     export_dir: AnyPath,
     source: AnyPath,
-    build_dir: AnyPath,
+    build_dir: AnyPath | None = None,
     min_samples: int | None = None,
     on_targets: tuple[str, ...] = (),
     port: str | None = None,
@@ -360,7 +360,8 @@ def run_verification(
 ) -> Verification:
     """Replay `source` (data set folder or vector file) through the models of `export_dir`.
 
-    `build_dir` is a build folder of the runtime, or the prefix that it is installed with; `on_targets` are names of
+    `build_dir` is a build folder of the runtime, or the prefix that it is installed with; None: `own_build()` of
+    runtime_place. `on_targets` are names of
     `targets.TARGETS` to replay on as well, `port` is the serial port (or socket) of a board that runs the
     firmware's serial protocol; `engine` of engines.ENGINES evaluates the ONNX model.
     Raises AminnError where something cannot be run at all.
@@ -368,7 +369,7 @@ def run_verification(
     export_dir, source = Path(export_dir), Path(source)
     prefix = model_prefix(export_dir)
     model = read_bin_model(export_dir / f"{prefix}.bin")
-    place = find_runtime(Path(build_dir), header_beside(export_dir))
+    place = find_runtime(Path(build_dir) if build_dir else None, header_beside(export_dir))
     samples = load_samples(source, min_samples, model)
     exact = evaluate_exact(export_dir, model, samples.inputs, engine)
     report: Report = {"samples": len(samples.inputs["q"])} | _onnx_figures(exact)
@@ -422,7 +423,7 @@ def tell(done: Verification, echo: Callable[[str], object] = click.echo, show: i
 def verify(
     export_dir: AnyPath,
     source: AnyPath,
-    build_dir: AnyPath,
+    build_dir: AnyPath | None = None,
     min_samples: int | None = None,
     on_targets: tuple[str, ...] = (),
     port: str | None = None,

@@ -10,6 +10,7 @@ from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
 from aminn_base.lock import locked_folder
 from aminn_base.run import run_program
+from aminn_rt.sources import DEBIAN_PACKAGES, cache_folder, source_tree, sources_digest
 
 from ..files.hand_header import HAND_HEADER, build_name, name_in, same_build
 
@@ -57,7 +58,7 @@ def _cmake_cache(build_dir: Path) -> dict[str, str]:
     return dict(re.findall(r"^(\w+):\w+=(.*)$", text, re.MULTILINE))
 
 
-def runtime_source(build_dir: Path) -> Path:
+def source_of(build_dir: Path) -> Path:
     """The runtime's source folder, from the build folder of the tree or of the runtime alone."""
     if not (build_dir / "CMakeCache.txt").is_file():
         raise AminnError(f"{build_dir}: no CMakeCache.txt; this is not a build folder of the C runtime")
@@ -66,6 +67,25 @@ def runtime_source(build_dir: Path) -> Path:
         if (folder / "include" / "aminn_rt.h").is_file():
             return folder
     raise AminnError(f"{build_dir}: its source folder {home} has no runtime/include/aminn_rt.h")
+
+
+def own_build() -> Path:
+    """A build folder of the runtime that comes with the program: the tree's build/host, else one in the user's cache.
+
+    That of the cache is built where it is not there yet. Raises AminnError with what is missing or what the compiler
+    said, InUseError while another process builds there.
+    """
+    tree = source_tree()
+    folder = tree / "build" / "host"
+    if (folder / "CMakeCache.txt").is_file():
+        return folder
+    folder = cache_folder() / f"build-{sources_digest(tree, str(tree))}"
+    with locked_folder(folder):
+        what = "building the C runtime"
+        configure = ["cmake", "-S", str(tree / "runtime"), "-B", str(folder), "-DAMINN_RT_WERROR=OFF"]
+        run_program(configure, what, packages=DEBIAN_PACKAGES)
+        run_program(["cmake", "--build", str(folder), "--parallel", "--target", "aminn_replay"], what)
+    return folder
 
 
 def _built_for(source: Path, folder: Path, hand: Path) -> Path:
@@ -89,15 +109,16 @@ def _built_for(source: Path, folder: Path, hand: Path) -> Path:
     return own
 
 
-def find_runtime(folder: Path, hand: Path | None = None) -> RuntimePlace:
-    """The runtime in a build folder, or below the prefix that it was installed with.
+def find_runtime(folder: Path | None = None, hand: Path | None = None) -> RuntimePlace:
+    """The runtime in a build folder, or below the prefix that it was installed with; None: in `own_build`.
 
     It is compiled for the hand of the header `hand`, where one is given: from a build folder it is built for that, once
     for each, in a folder beside it; what is installed has to be for that hand.
     Raises AminnError that says what was looked for.
     """
+    folder = folder or own_build()
     if (folder / "CMakeCache.txt").is_file():
-        source, compiler = runtime_source(folder), _cmake_cache(folder).get("CMAKE_C_COMPILER", "cc")
+        source, compiler = source_of(folder), _cmake_cache(folder).get("CMAKE_C_COMPILER", "cc")
         own = Path(_cmake_cache(folder).get("AMINN_HAND", "") or source / "include" / HAND_HEADER)
         if hand is not None and not same_build(hand, own):
             folder, own = _built_for(source, folder, hand), hand

@@ -15,12 +15,12 @@ from pathlib import Path
 
 from aminn_base.errors import AminnError
 from aminn_base.run import run_program
+from aminn_rt.sources import runtime_source
 
 from ..files.hand_header import header_beside
 from .firmware import BOARDS, build_firmware, run_firmware
 from .runtime_place import REPLAY_SOURCES
 
-RUNTIME = Path(__file__).resolve().parents[4] / "runtime"
 DEBIAN_PACKAGES = "clang-14 qemu-user g++-aarch64-linux-gnu g++-riscv64-linux-gnu g++-powerpc-linux-gnu"
 
 
@@ -70,7 +70,7 @@ def run(command: list[str], what: str) -> str:
 @functools.cache
 def own_options() -> tuple[str, ...]:
     """The project's own options of the library, but for warnings and what is for firmware alone."""
-    text = (RUNTIME / "cmake" / "options.cmake").read_text()
+    text = (runtime_source() / "cmake" / "options.cmake").read_text()
     lists = re.findall(r"^set\(AMINN_RT_(\w+)[^\n]*\n([^)]*)\)", text, re.MULTILINE)
     return tuple(option for name, options in lists if name != "EMBEDDED" for option in options.split())
 
@@ -78,16 +78,16 @@ def own_options() -> tuple[str, ...]:
 def build_hosted(target: Hosted, model_dir: Path, prefix: str, build_dir: Path) -> Path:
     """Compile library, model and replay program; returns the program."""
     build_dir.mkdir(parents=True, exist_ok=True)
-    header = header_beside(model_dir)
-    include = [f"-I{RUNTIME / 'include'}", f"-I{model_dir}"]
+    header, runtime = header_beside(model_dir), runtime_source()
+    include = [f"-I{runtime / 'include'}", f"-I{model_dir}"]
     include += [f'-DAMINN_HAND_HEADER="{header}"'] if header else []
     model = [f'-DAMINN_REPLAY_HEADER="{prefix}.h"', f"-DAMINN_REPLAY_MODEL={prefix}"]
     flags = target.flags.split()
     jobs = [
         [target.cxx, "-std=c++17", *own_options(), *flags, *include, "-c", str(s)]
-        for s in (RUNTIME / "src").glob("*.cpp")
+        for s in (runtime / "src").glob("*.cpp")
     ]
-    c_sources = [model_dir / f"{prefix}.c", *(RUNTIME / "tools" / name for name in REPLAY_SOURCES)]
+    c_sources = [model_dir / f"{prefix}.c", *(runtime / "tools" / name for name in REPLAY_SOURCES)]
     jobs += [[target.compiler, "-std=c99", *flags, *model, *include, "-c", str(s)] for s in c_sources]
     objects = []
     for job in jobs:
@@ -102,7 +102,7 @@ def build_hosted(target: Hosted, model_dir: Path, prefix: str, build_dir: Path) 
 def build_library(build_dir: Path, hand: Path | None) -> Path:
     """Build library and tools by CMake, for a hand's header; returns the replay program, which takes a binary model."""
     options = ["-DCMAKE_BUILD_TYPE=Release", f"-DAMINN_HAND={hand or ''}"]
-    run(["cmake", "-S", str(RUNTIME), "-B", str(build_dir), *options], "cmake")
+    run(["cmake", "-S", str(runtime_source()), "-B", str(build_dir), *options], "cmake")
     run(["cmake", "--build", str(build_dir), "--target", "aminn_replay"], "building the library")
     return build_dir / "aminn_replay"
 
