@@ -69,7 +69,7 @@ aminn_status_t check_header(const uint8_t *bytes, size_t len, Header &header)
     if (len < sizeof header) {
         return AMINN_E_SIZE;
     }
-    std::memcpy(&header, bytes, sizeof header);
+    __builtin_memcpy(&header, bytes, sizeof header);
     if (header.magic != kMagic) {
         return header.magic == reversed(kMagic) ? AMINN_E_BYTE_ORDER : AMINN_E_MAGIC;
     }
@@ -85,7 +85,7 @@ aminn_status_t check_header(const uint8_t *bytes, size_t len, Header &header)
 void copy_constants(const Header &h, aminn_model_t &m)
 {
     m.format_version = h.format_version;
-    std::memcpy(&m.content_crc, &h.content_crc, kSameBytes);
+    __builtin_memcpy(&m.content_crc, &h.content_crc, kSameBytes);
     for (int i = 0; i < AMINN_N_STAGE; ++i) {
         m.stage[i].eps_kx = h.eps_kx[i];
         m.stage[i].eps_jq = h.eps_jq[i];

@@ -21,7 +21,7 @@ aminn_status_t check_theta(const float *theta)
     bool inside = true;
     for (int i = 0; i < AMINN_N_THETA; ++i) {
         const float bound = i < kZeros ? AMINN_MAX_LOG_FACTOR : i < kRadius ? AMINN_MAX_ZERO : AMINN_MAX_RADIUS;
-        inside &= std::fabs(theta[i]) <= bound;
+        inside &= __builtin_fabsf(theta[i]) <= bound;
     }
     return inside ? AMINN_OK : AMINN_E_CALIBRATION;
 }
@@ -41,7 +41,7 @@ void substitute(const float *l, Square &a)
             x[c][r] = sum / l[r];
         }
     }
-    std::memcpy(a, x, sizeof a);
+    __builtin_memcpy(a, x, sizeof a);
 }
 
 // The lower half of a, which becomes its Cholesky factor; false if a is not positive definite.
@@ -94,7 +94,7 @@ bool add_to_springs(const float *nominal, float *chol)
 bool set_stiffness(const aminn_model_t &model, aminn_calibration_t &cal)
 {
     if constexpr (kGated) {
-        std::memcpy(cal.tendon_gain, model.nominal.tendon_gain, sizeof cal.tendon_gain);
+        __builtin_memcpy(cal.tendon_gain, model.nominal.tendon_gain, sizeof cal.tendon_gain);
     }
     const float *term = model.theta_terms + AMINN_N_BRANCH * AMINN_N_TERM;
     for (int p = 0; p < AMINN_N_STIFF; ++p) {
@@ -143,7 +143,7 @@ aminn_status_t aminn_calibration_set(aminn_calibration_t *cal, const aminn_model
         if (status != AMINN_OK) {
             return status;
         }
-        std::memcpy(next.theta, theta, sizeof next.theta);
+        __builtin_memcpy(next.theta, theta, sizeof next.theta);
     }
     next.model = model;
     next.varied = {cal->chol[0], cal->tendon_gain, cal->twist, cal->theta, {cal->eps_m[0], cal->eps_m[1]}};

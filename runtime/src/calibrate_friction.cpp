@@ -83,7 +83,7 @@ void alone(const float *likelihood, float *friction)
         friction[1] = bounded(kLeastFriction, mean, kLeastFriction + kFrictionRange);
         friction[2] = root(found.variance / news);
     } else {
-        std::memset(friction, 0, 3 * sizeof *friction);
+        __builtin_memset(friction, 0, 3 * sizeof *friction);
     }
 }
 
@@ -117,7 +117,7 @@ void combine(const float *likelihood, float *friction)
         together(likelihood, friction, found);
     }
     if (all_finite(found, 3)) {
-        std::memcpy(friction, found, sizeof found);
+        __builtin_memcpy(friction, found, sizeof found);
     }
 }
 #endif
@@ -169,7 +169,7 @@ aminn_status_t aminn_calibrator_friction(const aminn_calibrator_t *calibrator, c
     if (!(all_finite(own, 3) & friction_in_range(own))) {
         return AMINN_E_SENSORS;
     }
-    std::memmove(friction, own, 3 * sizeof *own);
+    __builtin_memmove(friction, own, 3 * sizeof *own);
 #if AMINN_N_SLIDE
     const bool exact = friction[0] != 0.0F && friction[2] == 0.0F;
     if (!exact && same_grasp(*calibrator, *state)) {

@@ -103,7 +103,7 @@ void look_at(const aminn_t &ctx, int b, bool sliding, Branch &branch, Matrix<3, 
     const float *direction = stage.tendon_dir[b];
     Matrix<kCoord, kCoord> springs;
     Matrix<kCoord, kCoord> held; // by springs and tendon
-    std::memcpy(springs, stage.k_spring[b], sizeof springs);
+    __builtin_memcpy(springs, stage.k_spring[b], sizeof springs);
     const float taut = kGated ? stage.tendon_gain[b] * stage.gate[b] : 0.0F;
     for (int r = 0; r < kCoord; ++r) {
         for (int c = 0; c < kCoord; ++c) {
@@ -187,7 +187,7 @@ void look_at(const aminn_t &ctx, int b, bool sliding, Branch &branch, Matrix<3, 
         }
     }
     substitute_back<kCoord, 3>(nominal, seen);
-    std::memcpy(branch.seen, seen, sizeof seen);
+    __builtin_memcpy(branch.seen, seen, sizeof seen);
 }
 
 // Rows become Q R^-T, by modified Gram-Schmidt.
@@ -238,7 +238,7 @@ struct Grasp {
     const float inv_length = 1.0F / model.length_scale;
     const float scale[kMotion] = {1.0F, 1.0F, 1.0F, inv_length, inv_length, inv_length};
     Matrix<kRows, kMotion> &rows = grasp.rows;
-    std::memset(rows, 0, sizeof rows);
+    __builtin_memset(rows, 0, sizeof rows);
     const float root_eps_kx = root(model.stage[1].eps_kx);
     for (int i = 0; i < kMotion; ++i) {
         grasp.w[i] = in.w_e[i] * scale[i];
@@ -252,7 +252,7 @@ struct Grasp {
             }
         }
         look_at(ctx, b, sliding, grasp.branch[b], own);
-        std::memcpy(rows[3 * b], own, sizeof own);
+        __builtin_memcpy(rows[3 * b], own, sizeof own);
         if constexpr (kTwisted) { // run_motion() leaves the contacts' stiffnesses there
             const float *contact = in.contacts[b];
             const float stiff = root(contact[0] * ctx.layer_in[b]) * inv_length;
@@ -270,7 +270,7 @@ struct Grasp {
     const aminn_model_t &model = *ctx.model;
     const Matrix<kRows, kMotion> &rows = grasp.rows;
     const float *w = grasp.w;
-    std::memset(slopes, 0, sizeof slopes);
+    __builtin_memset(slopes, 0, sizeof slopes);
     float factors[AMINN_N_STIFF];
     for (int p = 0; p < AMINN_N_STIFF; ++p) {
         factors[p] = exponential(theta[p]);
@@ -374,7 +374,7 @@ void absorb(const aminn_calibrator_t &c, Push &push)
     Belief &belief = push.belief;
     float *change = belief.change;
     forget(c.settings, c.covariance, belief.covariance);
-    std::memset(change, 0, sizeof belief.change);
+    __builtin_memset(change, 0, sizeof belief.change);
     belief.squares = 0.0F;
     for (int i = 0; i < kMotion; ++i) {
         const float *slope = push.slopes[i];
@@ -424,7 +424,7 @@ bool step(const aminn_calibrator_settings_t &settings, const float *change, floa
 {
     float largest = 0.0F;
     for (int i = 0; i < kFactors; ++i) {
-        const float size = std::fabs(change[i]);
+        const float size = __builtin_fabsf(change[i]);
         largest = size > largest ? size : largest;
     }
     const bool whole = largest <= settings.step;
@@ -554,8 +554,8 @@ aminn_status_t learn(aminn_t &ctx, aminn_calibrator_t &c, uint32_t n, Push &push
     }
     float kept[AMINN_N_THETA];
     float theta[AMINN_N_THETA];
-    std::memcpy(kept, c.calibration.theta, sizeof kept);
-    std::memcpy(theta, kept, sizeof theta);
+    __builtin_memcpy(kept, c.calibration.theta, sizeof kept);
+    __builtin_memcpy(theta, kept, sizeof theta);
     const bool whole = step(c.settings, push.belief.change, theta);
     if (!(take(c, theta) && try_push(ctx, 0, push) <= before)) {
         take(c, kept);
@@ -563,7 +563,7 @@ aminn_status_t learn(aminn_t &ctx, aminn_calibrator_t &c, uint32_t n, Push &push
         return AMINN_OK;
     }
     if (whole) { // else the next push may go on
-        std::memcpy(c.covariance, push.belief.covariance, sizeof c.covariance);
+        __builtin_memcpy(c.covariance, push.belief.covariance, sizeof c.covariance);
     }
     c.outcome = squares > kDoubtful ? AMINN_PUSH_DOUBTED : AMINN_PUSH_LEARNED;
     return AMINN_OK;
@@ -587,7 +587,7 @@ bool begins_within(float bound, const float *theta)
 {
     bool within = true;
     for (int i = 0; theta != nullptr && i < kFactors; ++i) {
-        within &= !(std::fabs(theta[i]) > bound);
+        within &= !(__builtin_fabsf(theta[i]) > bound);
     }
     return within;
 }
@@ -598,12 +598,12 @@ bool same_grasp(const aminn_calibrator_t &c, const aminn_state_t &state)
 {
     bool same = c.in_grasp != 0;
     for (int i = 0; i < AMINN_N_JOINT; ++i) {
-        same &= std::fabs(state.q[i] - c.grasp[i]) <= kSameJoint;
+        same &= __builtin_fabsf(state.q[i] - c.grasp[i]) <= kSameJoint;
     }
     const float length = c.calibration.model->length_scale;
     for (int i = 0; i < kMotion; ++i) {
         const float moved = state.x_ht[i] - c.grasp[AMINN_N_JOINT + i];
-        same &= std::fabs(i < 3 ? moved : moved * length) <= kSameTool;
+        same &= __builtin_fabsf(i < 3 ? moved : moved * length) <= kSameTool;
     }
     return same;
 }
@@ -631,11 +631,11 @@ aminn_status_t aminn_calibrator_init(aminn_calibrator_t *calibrator, const aminn
     calibrator->pushes = 0;
     calibrator->in_grasp = 0;
     calibrator->outcome = AMINN_PUSH_NONE;
-    std::memset(calibrator->grasp, 0, sizeof calibrator->grasp);
+    __builtin_memset(calibrator->grasp, 0, sizeof calibrator->grasp);
 #if AMINN_N_SLIDE
     forget_friction(*calibrator);
 #endif
-    std::memset(calibrator->covariance, 0, sizeof calibrator->covariance);
+    __builtin_memset(calibrator->covariance, 0, sizeof calibrator->covariance);
     for (int i = 0; i < kFactors; ++i) {
         calibrator->covariance[packed(i, i)] = chosen.prior * chosen.prior;
     }
@@ -665,7 +665,7 @@ aminn_status_t aminn_calibrate_push(aminn_t *ctx, aminn_calibrator_t *calibrator
     }
     ctx->stages_done = 0;
     aminn_input_t &in = ctx->input;
-    std::memcpy(&in, before, sizeof *before);
+    __builtin_memcpy(&in, before, sizeof *before);
     aminn_correct(&calibration, reinterpret_cast<aminn_state_t *>(&in));
     if (!closure(*ctx->model, in.q, in.x_ht, in.contacts, in.j_x, in.j_q)) {
         return AMINN_E_NUMERIC;
@@ -691,7 +691,7 @@ aminn_status_t aminn_calibrate_push(aminn_t *ctx, aminn_calibrator_t *calibrator
         calibrator->pushes = calibrator->pushes + 1;
         calibrator->in_grasp = in_grasp;
         if (!same) {
-            std::memcpy(calibrator->grasp, before, sizeof calibrator->grasp); // begins with q and x_ht
+            __builtin_memcpy(calibrator->grasp, before, sizeof calibrator->grasp); // begins with q and x_ht
         }
     }
     return status;

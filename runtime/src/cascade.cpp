@@ -108,9 +108,9 @@ bool run_cascade(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out)
     out.p_stable = classify(model, summary, ctx.stage[0].gate, ctx);
     out.stable = out.p_stable >= model.tau ? 1 : 0;
 #if AMINN_N_SLIDE
-    std::memcpy(out.friction_use, summary.friction.use, sizeof out.friction_use);
+    __builtin_memcpy(out.friction_use, summary.friction.use, sizeof out.friction_use);
 #else
-    std::memset(out.friction_use, 0, sizeof out.friction_use);
+    __builtin_memset(out.friction_use, 0, sizeof out.friction_use);
 #endif
     bool sound = true;
     if (out.stable != 0 || (ctx.flags & AMINN_FLAG_ALWAYS_STAGE2) != 0) {
@@ -118,7 +118,7 @@ bool run_cascade(aminn_t &ctx, const aminn_input_t &in, aminn_output_t &out)
         if (!run_stage(ctx, 1, scene, in, summary)) {
             return false;
         }
-        std::memcpy(out.dx_ht, stage.dx, kMotionBytes);
+        __builtin_memcpy(out.dx_ht, stage.dx, kMotionBytes);
         sound = doubt(model, summary, ctx, out);
     }
     out.condition = summary.condition;

@@ -45,8 +45,8 @@ void joint_side(const aminn_model_t &model, int b, int first, const float *q, co
     float chain[kVectors * AMINN_N_COORD][3]; // axis and link of each coordinate
     for (int c = kLast; c >= first; --c) {
         float (*const own)[3] = chain + kVectors * c;
-        std::memcpy(own[kAxis], axis + 3 * c, sizeof own[kAxis]);
-        std::memcpy(own[kLink], anchor + 3 * c, sizeof own[kLink]);
+        __builtin_memcpy(own[kAxis], axis + 3 * c, sizeof own[kAxis]);
+        __builtin_memcpy(own[kLink], anchor + 3 * c, sizeof own[kLink]);
         if (c > first) {
             subtract(own[kLink], anchor + 3 * c - 3, own[kLink]);
         }
@@ -58,7 +58,7 @@ void joint_side(const aminn_model_t &model, int b, int first, const float *q, co
         }
     }
     float arm[3];
-    std::memcpy(arm, contact, sizeof arm);
+    __builtin_memcpy(arm, contact, sizeof arm);
     for (int c = first; c <= kLast; ++c) {
         float velocity[3];
         subtract(arm, chain[kVectors * c + kLink], arm);
@@ -85,7 +85,7 @@ bool closure(const aminn_model_t &model, const float *q, const float *x_ht,
              float (*j_q)[3][AMINN_N_COORD])
 {
     for (int i = 0; i < AMINN_N_JOINT; ++i) {
-        if (std::fabs(q[i]) > kMaxAngle) {
+        if (__builtin_fabsf(q[i]) > kMaxAngle) {
             return false;
         }
     }
@@ -128,8 +128,8 @@ aminn_status_t aminn_closure(const aminn_model_t *model, const float q[AMINN_N_J
         status = AMINN_E_NUMERIC;
     }
     if (status != AMINN_OK) {
-        fill(j_x == nullptr ? nullptr : &j_x[0][0][0], AMINN_N_BRANCH * 3 * AMINN_N_WRENCH, NAN);
-        fill(j_q == nullptr ? nullptr : &j_q[0][0][0], AMINN_N_BRANCH * 3 * AMINN_N_COORD, NAN);
+        fill(j_x == nullptr ? nullptr : &j_x[0][0][0], AMINN_N_BRANCH * 3 * AMINN_N_WRENCH, __builtin_nanf(""));
+        fill(j_q == nullptr ? nullptr : &j_q[0][0][0], AMINN_N_BRANCH * 3 * AMINN_N_COORD, __builtin_nanf(""));
     }
     return status;
 }

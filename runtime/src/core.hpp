@@ -8,7 +8,7 @@
 
 #include "compiler.hpp" // first
 
-#include <cstddef>
+#include <stddef.h>
 
 #include "aminn_rt.h"
 

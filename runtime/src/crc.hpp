@@ -4,8 +4,8 @@
 
 #include "compiler.hpp" // first
 
-#include <cstddef>
-#include <cstdint>
+#include <stddef.h>
+#include <stdint.h>
 
 namespace aminn {
 

@@ -34,7 +34,7 @@ constexpr int kRegisters = 5; // of outputs at most: with two sums each, and one
 template <class AnyRegister>
 AMINN_INLINE void load(const float *w, AnyRegister &r)
 {
-    std::memcpy(&r, w, sizeof r);
+    __builtin_memcpy(&r, w, sizeof r);
 }
 #pragma GCC diagnostic pop
 
@@ -42,7 +42,7 @@ AMINN_INLINE void load(const float *w, AnyRegister &r)
 AMINN_INLINE void load(const int8_t *w, float __attribute__((vector_size(16))) & r)
 {
     int32_t four = 0;
-    std::memcpy(&four, w, sizeof four);
+    __builtin_memcpy(&four, w, sizeof four);
     const __m128i bytes = _mm_cvtsi32_si128(four);
     const __m128i pairs = _mm_unpacklo_epi8(bytes, bytes);
     r = _mm_cvtepi32_ps(_mm_srai_epi32(_mm_unpacklo_epi16(pairs, pairs), 24));
@@ -67,7 +67,7 @@ AMINN_INLINE void load(const int8_t *w, float __attribute__((vector_size(64))) &
 AMINN_INLINE void load(const int8_t *w, float __attribute__((vector_size(16))) & r)
 {
     uint32_t four = 0;
-    std::memcpy(&four, w, sizeof four);
+    __builtin_memcpy(&four, w, sizeof four);
     r = vcvtq_f32_s32(vmovl_s16(vget_low_s16(vmovl_s8(vreinterpret_s8_u32(vdup_n_u32(four))))));
 }
 #endif
@@ -79,7 +79,7 @@ AMINN_INLINE void load(const Weight *w, AnyRegister &r)
     for (int k = 0; k < kLanes<AnyRegister>; ++k) {
         values[k] = value_of(w[k]);
     }
-    std::memcpy(&r, values, sizeof r);
+    __builtin_memcpy(&r, values, sizeof r);
 }
 
 // kCount registers of outputs, side by side but for the last, which begins at `last`
@@ -127,7 +127,7 @@ AMINN_INLINE void dense_block(const Weight *w, int step, const float *b, const f
             even[k] = even[k] * size + r;
         }
         even[k] = even[k] < floor ? AnyRegister{} : even[k];
-        std::memcpy(y + place(k), &even[k], sizeof even[k]);
+        __builtin_memcpy(y + place(k), &even[k], sizeof even[k]);
     }
 }
 

@@ -16,10 +16,8 @@
 
 #include "core.hpp" // first
 
-#include <cfloat>
-#include <cmath>
-#include <cstdint>
-#include <cstring>
+#include <float.h>
+#include <stdint.h>
 
 namespace aminn {
 inline namespace AMINN_CORE {
@@ -29,14 +27,14 @@ constexpr float kMaxAngle = 8192.0F; // rad; the reduction of sine and cosine is
 AMINN_INLINE uint32_t bits_of(float x)
 {
     uint32_t u = 0;
-    std::memcpy(&u, &x, sizeof u);
+    __builtin_memcpy(&u, &x, sizeof u);
     return u;
 }
 
 AMINN_INLINE float from_bits(uint32_t u)
 {
     float x = 0.0F;
-    std::memcpy(&x, &u, sizeof x);
+    __builtin_memcpy(&x, &u, sizeof x);
     return x;
 }
 
@@ -133,12 +131,12 @@ AMINN_INLINE float one_logarithm(float x)
 AMINN_INLINE float one_hyperbolic_tangent(float x)
 {
     constexpr float kNear = 0.34375F;
-    const float a = std::fabs(x);
+    const float a = __builtin_fabsf(x);
     const Exponential e = split_exponential(a + a); // finite, however large a is
     const float half = e.above_one * e.half_scale + (e.half_scale - 0.5F);
     const float far = half / (half + 1.0F);
     const float near = subtract_product(half, half, far); // the same number, without the rounding of half + 1
-    return std::copysign(a < kNear ? near : far, x);
+    return __builtin_copysignf(a < kNear ? near : far, x);
 }
 
 // Of n numbers in their place, and of one. Where code is to be small there is one copy, which loads its constants once.

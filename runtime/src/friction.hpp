@@ -294,7 +294,7 @@ static void slide(const Branches *springs, const aminn_input_t &in, Grasp &grasp
     }
     dots(normals, kBranch, z, along);
     follow_slides(grasp, tendons, y, slides);
-    std::memcpy(force, &slides.held, sizeof slides.held);
+    __builtin_memcpy(force, &slides.held, sizeof slides.held);
     for (int g = 0; g < kGroups; ++g) {
         const int b = g * kSideBySide;
         const int n = in_group(g);
@@ -331,7 +331,7 @@ static void slide(const Branches *springs, const aminn_input_t &in, Grasp &grasp
         }
         find_forces(slides, slide, force, sigma);
         SlideRow moved;
-        std::memcpy(&moved, sigma, sizeof moved);
+        __builtin_memcpy(&moved, sigma, sizeof moved);
         if (step == kSteps - 1) {
             float follow[kMotion];
             Row move;

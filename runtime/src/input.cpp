@@ -55,7 +55,7 @@ aminn_status_t check_input(const float *numbers, int n)
             return AMINN_E_CONTACT_FLAG; // of any branch: before a normal
         }
         if (bits_of(flag) != 0 && status != AMINN_E_NORMAL) {
-            status = std::fabs(dot3(normal, normal) - kUnitSquare) <= kUnitRange ? AMINN_OK : AMINN_E_NORMAL;
+            status = __builtin_fabsf(dot3(normal, normal) - kUnitSquare) <= kUnitRange ? AMINN_OK : AMINN_E_NORMAL;
         }
     }
     const float *rotation = numbers + AMINN_N_JOINT + 3;

@@ -99,7 +99,7 @@ class WeightedRows {
     {
         for (int r = 0; r < kCount; ++r) {
             const auto row = weight[r] * rows[r].v;
-            std::memcpy(weighted_[r], &row, sizeof row);
+            __builtin_memcpy(weighted_[r], &row, sizeof row);
         }
     }
     AMINN_INLINE void products_of(int j, AnyRow &to) const

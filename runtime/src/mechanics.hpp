@@ -141,7 +141,7 @@ static void cut_motion(const aminn_model_t &model, float dx[kMotion])
     if (angle * share > model.max_rotation) {
         share = model.max_rotation / angle;
     }
-    share = share > 0.0F ? share : NAN;
+    share = share > 0.0F ? share : __builtin_nanf("");
     for (int i = 0; i < kMotion; ++i) {
         dx[i] = share * dx[i];
     }

@@ -36,11 +36,11 @@ AMINN_INLINE void make_network_input(const aminn_model_t &model, const aminn_inp
         }
     }
     for (int i = 0; i < AMINN_N_WRENCH; ++i) {
-        ctx.slog_w[i] = 1.0F + std::fabs(in.w_e[i]) / model.wrench_log_scale[i];
+        ctx.slog_w[i] = 1.0F + __builtin_fabsf(in.w_e[i]) / model.wrench_log_scale[i];
     }
     logarithms(ctx.slog_w, AMINN_N_WRENCH);
     for (int i = 0; i < AMINN_N_WRENCH; ++i) {
-        ctx.slog_w[i] = std::copysign(ctx.slog_w[i], in.w_e[i]);
+        ctx.slog_w[i] = __builtin_copysignf(ctx.slog_w[i], in.w_e[i]);
     }
 }
 
@@ -108,7 +108,7 @@ static float classify(const aminn_model_t &model, const StaticsSummary &summary,
     }
     logarithms(aux + AMINN_N_WRENCH, AMINN_N_WRENCH);
     if constexpr (kGated) {
-        std::memcpy(aux + 2 * AMINN_N_WRENCH, gate, kBranch * sizeof *gate);
+        __builtin_memcpy(aux + 2 * AMINN_N_WRENCH, gate, kBranch * sizeof *gate);
     }
 #if AMINN_N_SLIDE
     see_friction(summary.friction, aux + AMINN_N_AUX - AMINN_N_SLID);

@@ -15,7 +15,7 @@ static_assert(offsetof(aminn_input_t, j_x) == sizeof(aminn_state_t), "aminn_inpu
 void clear(aminn_output_t &out)
 {
     // cppcheck-suppress memsetClassFloat ; a float is binary32, whose NaN this is
-    std::memset(&out, 0xFF, offsetof(aminn_output_t, stable)); // the numbers stand first
+    __builtin_memset(&out, 0xFF, offsetof(aminn_output_t, stable)); // the numbers stand first
     out.p_stable = 0.0F;
     out.stable = 0;
     out.notes = 0;
@@ -123,7 +123,7 @@ aminn_status_t aminn_predict_state(aminn_t *ctx, const aminn_state_t *state, ami
     aminn_status_t status = check(ctx, state, sizeof *state, out);
     if (status == AMINN_OK) {
         aminn_input_t &in = ctx->input;
-        std::memcpy(&in, state, sizeof *state);
+        __builtin_memcpy(&in, state, sizeof *state);
         if (ctx->correct != nullptr) { // a calibration begins with the tables in use, an input as a state does
             ctx->correct(reinterpret_cast<const aminn_calibration_t *>(ctx->varied),
                          reinterpret_cast<aminn_state_t *>(&in));

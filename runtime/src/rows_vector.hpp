@@ -2,8 +2,6 @@
 #ifndef AMINN_SRC_ROWS_VECTOR_HPP
 #define AMINN_SRC_ROWS_VECTOR_HPP
 
-#include <type_traits>
-
 #include "row_sums.hpp"
 #include "vector3.hpp"
 
@@ -130,10 +128,23 @@ struct Lanes {
     }
 };
 
+// a register for so many numbers
+template <int kNumbers, bool kFour = kNumbers <= 4, bool kEight = kNumbers <= 8>
+struct RegisterOf {
+    using Type = Twice<Float8>;
+};
+template <int kNumbers>
+struct RegisterOf<kNumbers, false, true> {
+    using Type = Float8;
+};
+template <int kNumbers>
+struct RegisterOf<kNumbers, true, true> {
+    using Type = Float4;
+};
+
 using Row = Lanes<Float8>;
-using TendonRow = Lanes < std::conditional_t<kBranch<4, Float4, Float8>>;
-using SlideRow =
-    Lanes<std::conditional_t<kBranch == 2, Float4, std::conditional_t<kBranch == 5, Twice<Float8>, Float8>>>;
+using TendonRow = Lanes<RegisterOf<kBranch + 1>::Type>;
+using SlideRow = Lanes<RegisterOf<2 * kBranch>::Type>;
 
 AMINN_INLINE void load_row(Row &a, const float *p)
 {

@@ -34,7 +34,7 @@ AMINN_INLINE void take_rows(const aminn_input_t &in, const Scene &scene, Row row
 {
 #if AMINN_LANES
     static_cast<void>(in);
-    std::memcpy(rows, scene.a_s, sizeof scene.a_s);
+    __builtin_memcpy(rows, scene.a_s, sizeof scene.a_s);
 #else
     scaled_rows(in, scene.scale, 0, 3 * kBranch, rows);
 #endif

@@ -54,7 +54,7 @@ bool answers_as_known(aminn_t &ctx)
     other |= crc32(0, ctx.stage, sizeof ctx.stage / kWord, kWord) ^ ctx.model->stages_crc;
     const void *got = &out; // bits, not numbers
     const void *want = &known.output;
-    other |= static_cast<uint32_t>(std::memcmp(got, want, sizeof out));
+    other |= static_cast<uint32_t>(__builtin_memcmp(got, want, sizeof out));
     return other == 0;
 }
 

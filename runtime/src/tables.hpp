@@ -4,9 +4,8 @@
 
 #include "compiler.hpp" // first
 
-#include <cstddef>
-#include <cstdint>
-#include <cstring>
+#include <stddef.h>
+#include <stdint.h>
 
 #include "aminn_rt.h"
 
@@ -109,7 +108,7 @@ struct Table {
 // The widths in the model must be set.
 [[gnu::noinline]] inline void find_table(const aminn_model_t &m, TableInfo info, Table &table)
 {
-    std::memcpy(&table.numbers, reinterpret_cast<const char *>(&m) + info.place * sizeof(void *), sizeof(void *));
+    __builtin_memcpy(&table.numbers, reinterpret_cast<const char *>(&m) + info.place * sizeof(void *), sizeof(void *));
     uint32_t n = 1;
     uint32_t extents = info.extents;
     uint32_t width = (info.kind & kSees) != 0 ? m.n_told : 0u;
@@ -119,7 +118,7 @@ struct Table {
         if (which != 0) {
             const size_t place = offsetof(aminn_model_t, contact_width) + sizeof width * (which - 1);
             uint32_t own = 0;
-            std::memcpy(&own, reinterpret_cast<const char *>(&m) + place, sizeof own);
+            __builtin_memcpy(&own, reinterpret_cast<const char *>(&m) + place, sizeof own);
             width += own;
         }
         n *= width + extents % kContactWidth;
@@ -149,7 +148,7 @@ inline size_t table_room(const aminn_model_t &m, const TableInfo &info)
 
 inline void set_table_pointer(aminn_model_t &m, const TableInfo &table, const void *pointer)
 {
-    std::memcpy(reinterpret_cast<char *>(&m) + table.place * sizeof(void *), &pointer, sizeof pointer);
+    __builtin_memcpy(reinterpret_cast<char *>(&m) + table.place * sizeof(void *), &pointer, sizeof pointer);
 }
 
 } // namespace aminn

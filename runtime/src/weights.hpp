@@ -3,22 +3,20 @@
 #ifndef AMINN_SRC_WEIGHTS_HPP
 #define AMINN_SRC_WEIGHTS_HPP
 
-#include <type_traits>
-
 #include "elementary.hpp"
 
 namespace aminn {
 inline namespace AMINN_CORE {
 
 // What is done to a sum y of a layer: y < floor becomes 0. NaN stays NaN, so that an overflow is found in the end.
-constexpr float kLinear = -INFINITY;
+constexpr float kLinear = -__builtin_inff();
 constexpr float kRectified = 0.0F;
 
 // Whether sums are of steps: what is behind the biases then are the sizes of each output's steps.
 template <class Weight>
 constexpr bool scaled()
 {
-    return std::is_same_v<Weight, int8_t>;
+    return sizeof(Weight) == sizeof(int8_t);
 }
 
 AMINN_INLINE float value_of(float w)

@@ -7,6 +7,8 @@
  * function in units of the last place of the exact result; of sine and cosine in units of 2^-24. Exits with 1 if one
  * exceeds the bound that src/elementary.hpp states, with 2 on bad arguments.
  */
+#include <cfloat>
+#include <cmath>
 #include <cstdio>
 #include <cstdlib>
 

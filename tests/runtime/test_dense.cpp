@@ -1,4 +1,5 @@
 /* dense.hpp: layers of every width and every type of weights give the bits of the plain loop, at all blocks' edges */
+#include <cmath>
 #include <initializer_list>
 
 #include "dense.hpp"

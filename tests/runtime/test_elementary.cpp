@@ -1,6 +1,7 @@
 /* elementary.hpp: special arguments and all quadrants; the errors themselves are aminn_ulp's (test runtime_ulp) */
 #include "elementary.hpp"
 
+#include <cfloat>
 #include <cmath>
 
 #include "unity.h"
