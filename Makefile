@@ -118,7 +118,7 @@ bench: setup-python setup-host $(STAMPS)/apt-bench ## time of a prediction besid
 	@$(PYTHON) -m aminn_export.judge.bench --model tests/golden --build $(HOST) --json $(REPORTS)/bench.json
 
 .PHONY: fidelity
-fidelity: setup-python setup-host setup-arm $(STAMPS)/apt-cross $(STAMPS)/apt-fuzz ## errors to float64 beside ONNX Runtime's; the bits of 18 targets
+fidelity: setup-python setup-host setup-arm $(STAMPS)/apt-cross $(STAMPS)/apt-fuzz ## errors to float64 beside ONNX Runtime's; the bits of 27 targets
 	@[ -f $(BUILD)/fidelity/data/manifest.json ] || $(VENV)/bin/aminn simulate --out $(BUILD)/fidelity/data \
 	  --grasps 1250 --cases 16 --seed 77 --threads $(THREADS)
 	@$(PYTHON) -m aminn_export.judge.fidelity --model tests/golden --data $(BUILD)/fidelity/data --work $(BUILD)/fidelity \
@@ -131,12 +131,12 @@ firmware: setup-firmware ## the library on a Cortex-M7, replayed in qemu on the 
 	@echo "Image: $(FIRMWARE)/aminn_firmware.elf, report: $(REPORTS)/firmware.json"
 
 .PHONY: size
-size: firmware $(STAMPS)/firmware-mps2-an386 $(STAMPS)/firmware-mps2-an505 ## text, model, RAM, worst stack, instructions on Cortex-M4F, M7, M33
-	@cmake --build $(FIRMWARE)-mps2-an386 --target check
-	@cmake --build $(FIRMWARE)-mps2-an505 --target check
+size: firmware $(STAMPS)/firmware-cortex-m4 $(STAMPS)/firmware-cortex-m33 ## text, model, RAM, worst stack, instructions on Cortex-M4F, M7, M33
+	@cmake --build $(FIRMWARE)-cortex-m4 --target check
+	@cmake --build $(FIRMWARE)-cortex-m33 --target check
 	@python3 runtime/tools/size_report.py --out $(REPORTS)/size.json \
-	  cortex_m4=$(FIRMWARE)-mps2-an386:$(FIRMWARE)-mps2-an386/firmware.json \
-	  cortex_m7=$(FIRMWARE):$(REPORTS)/firmware.json cortex_m33=$(FIRMWARE)-mps2-an505:$(FIRMWARE)-mps2-an505/firmware.json
+	  cortex_m4=$(FIRMWARE)-cortex-m4:$(FIRMWARE)-cortex-m4/firmware.json \
+	  cortex_m7=$(FIRMWARE):$(REPORTS)/firmware.json cortex_m33=$(FIRMWARE)-cortex-m33:$(FIRMWARE)-cortex-m33/firmware.json
 
 .PHONY: weights
 weights: setup-python setup-host setup-arm $(STAMPS)/apt-cross ## float32, float16 and int8 weights: flash, instructions, error, the bits of 9 targets
@@ -257,30 +257,31 @@ $(STAMPS)/mujoco: tools/setup/mujoco.sh tools/setup/mujoco.txt | $(STAMPS)/venv
 $(STAMPS)/module: $(STAMPS)/venv $(STAMPS)/mujoco $(MODULE_SOURCES) | $(STAMPS)/apt-host
 	@echo "Building the Python modules"
 	@$(QUIET) $(BUILD)/logs/module.log $(PYTHON) -m pip install --disable-pip-version-check \
-	  --no-build-isolation --no-deps --editable .
+	  --no-build-isolation --no-deps --config-settings=cmake.define.AMINN_RT_WERROR=ON --editable .
 	@touch $@
 
 # The C runtime for this machine.
 $(STAMPS)/host: $(RUNTIME_SOURCES) | $(STAMPS)/apt-host
 	@echo "Building the C runtime"
-	@$(QUIET) $(BUILD)/logs/host-configure.log cmake -S . -B $(HOST) -G Ninja -DCMAKE_BUILD_TYPE=Release
+	@$(QUIET) $(BUILD)/logs/host-configure.log cmake -S . -B $(HOST) -G Ninja -DCMAKE_BUILD_TYPE=Release \
+	  -DAMINN_RT_WERROR=ON
 	@$(QUIET) $(BUILD)/logs/host.log cmake --build $(HOST) --parallel $(JOBS)
 	@touch $@
 
 # The same library and the reference model for the Cortex-M7.
 $(STAMPS)/firmware: $(FIRMWARE_SOURCES) | $(STAMPS)/apt-host $(STAMPS)/apt-arm
 	@echo "Building the firmware"
-	@$(QUIET) $(BUILD)/logs/firmware-configure.log cmake -S runtime/firmware -B $(FIRMWARE) -G Ninja \
+	@$(QUIET) $(BUILD)/logs/firmware-configure.log cmake -S runtime/firmware -B $(FIRMWARE) -G Ninja -DAMINN_RT_WERROR=ON \
 	  --toolchain "$(CURDIR)/runtime/firmware/arm-none-eabi.cmake" -DMODEL_DIR="$(CURDIR)/tests/golden" \
 	  -DCOMPARE="$(CURDIR)/$(HOST)/runtime/aminn_compare" -DREPORT="$(CURDIR)/$(REPORTS)/firmware.json"
 	@$(QUIET) $(BUILD)/logs/firmware.log cmake --build $(FIRMWARE) --parallel $(JOBS)
 	@touch $@
 
-# The same for another of qemu's boards.
+# The same for another core.
 $(STAMPS)/firmware-%: $(FIRMWARE_SOURCES) | $(STAMPS)/host $(STAMPS)/apt-arm
 	@echo "Building the firmware for $*"
-	@$(QUIET) $(BUILD)/logs/firmware-$*-configure.log cmake -S runtime/firmware -B $(FIRMWARE)-$* -G Ninja \
-	  --toolchain "$(CURDIR)/runtime/firmware/arm-none-eabi.cmake" -DBOARD=$* -DMODEL_DIR="$(CURDIR)/tests/golden" \
+	@$(QUIET) $(BUILD)/logs/firmware-$*-configure.log cmake -S runtime/firmware -B $(FIRMWARE)-$* -G Ninja -DAMINN_RT_WERROR=ON \
+	  --toolchain "$(CURDIR)/runtime/firmware/arm-none-eabi.cmake" -DCORE=$* -DMODEL_DIR="$(CURDIR)/tests/golden" \
 	  -DCOMPARE="$(CURDIR)/$(HOST)/runtime/aminn_compare"
 	@$(QUIET) $(BUILD)/logs/firmware-$*.log cmake --build $(FIRMWARE)-$* --parallel $(JOBS)
 	@touch $@
@@ -288,7 +289,7 @@ $(STAMPS)/firmware-%: $(FIRMWARE_SOURCES) | $(STAMPS)/host $(STAMPS)/apt-arm
 # The library with sanitizers, and the fuzz targets.
 $(STAMPS)/fuzz: $(FUZZ_SOURCES) | $(STAMPS)/apt-host $(STAMPS)/apt-fuzz
 	@echo "Building the fuzz targets"
-	@$(QUIET) $(BUILD)/logs/fuzz-configure.log cmake -S tests/fuzz -B $(FUZZ) -G Ninja \
+	@$(QUIET) $(BUILD)/logs/fuzz-configure.log cmake -S tests/fuzz -B $(FUZZ) -G Ninja -DAMINN_RT_WERROR=ON \
 	  -DCMAKE_C_COMPILER=clang-14 -DCMAKE_CXX_COMPILER=clang++-14
 	@$(QUIET) $(BUILD)/logs/fuzz.log cmake --build $(FUZZ) --parallel $(JOBS)
 	@touch $@

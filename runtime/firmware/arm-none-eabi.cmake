@@ -1,19 +1,38 @@
-# Toolchain file: bare-metal Cortex-M with an FPU, newlib-nano, no operating system. BOARD is one of qemu's MPS2 boards:
-#   mps2-an386 Cortex-M4F, mps2-an500 Cortex-M7 (the default), mps2-an505 Cortex-M33
+# Toolchain file: a bare Cortex-M, newlib-nano, no operating system. CORE is its name below, FLOAT_ABI hard (the default where
+# the core has an FPU), softfp or soft:
+#   cmake -S runtime -B build/m4 --toolchain firmware/arm-none-eabi.cmake -DCORE=cortex-m4
 set(CMAKE_SYSTEM_NAME Generic)
 set(CMAKE_SYSTEM_PROCESSOR arm)
 set(CMAKE_C_COMPILER arm-none-eabi-gcc)
 set(CMAKE_CXX_COMPILER arm-none-eabi-g++)
 set(CMAKE_TRY_COMPILE_TARGET_TYPE STATIC_LIBRARY) # nothing can be linked or run before our startup code exists
-set(CMAKE_TRY_COMPILE_PLATFORM_VARIABLES BOARD)
-set(BOARD mps2-an500 CACHE STRING "mps2-an386, mps2-an500 or mps2-an505")
-set(CPU_mps2-an386 "-mcpu=cortex-m4 -mfpu=fpv4-sp-d16")
-set(CPU_mps2-an500 "-mcpu=cortex-m7 -mfpu=fpv5-d16")
-set(CPU_mps2-an505 "-mcpu=cortex-m33 -mfpu=fpv5-sp-d16")
-if(NOT DEFINED CPU_${BOARD})
-  message(FATAL_ERROR "BOARD=${BOARD}: expected mps2-an386, mps2-an500 or mps2-an505")
+set(CMAKE_TRY_COMPILE_PLATFORM_VARIABLES CORE FLOAT_ABI)
+set(CORE cortex-m7 CACHE STRING "cortex-m0plus, -m3, -m4, -m7, -m23, -m33 or -m55")
+# its FPU, and the board of qemu that has it; the M3 runs code of an M0+, the M33 that of an M23
+set(FPU_cortex-m0plus none)
+set(BOARD_cortex-m0plus mps2-an385)
+set(FPU_cortex-m3 none)
+set(BOARD_cortex-m3 mps2-an385)
+set(FPU_cortex-m4 fpv4-sp-d16)
+set(BOARD_cortex-m4 mps2-an386)
+set(FPU_cortex-m7 fpv5-d16)
+set(BOARD_cortex-m7 mps2-an500)
+set(FPU_cortex-m23 none)
+set(BOARD_cortex-m23 mps2-an505)
+set(FPU_cortex-m33 fpv5-sp-d16)
+set(BOARD_cortex-m33 mps2-an505)
+set(FPU_cortex-m55 auto) # with Helium
+set(BOARD_cortex-m55 mps3-an547)
+if(NOT DEFINED FPU_${CORE})
+  message(FATAL_ERROR "CORE=${CORE}: expected cortex-m0plus, cortex-m3, cortex-m4, cortex-m7, cortex-m23, cortex-m33 or cortex-m55")
 endif()
-set(CPU "${CPU_${BOARD}} -mthumb -mfloat-abi=hard")
+if(FPU_${CORE} STREQUAL none)
+  set(FLOAT_ABI soft CACHE STRING "soft: the core has no FPU")
+  set(CPU "-mcpu=${CORE} -mthumb -mfloat-abi=${FLOAT_ABI}")
+else()
+  set(FLOAT_ABI hard CACHE STRING "hard, softfp or soft")
+  set(CPU "-mcpu=${CORE} -mfpu=${FPU_${CORE}} -mthumb -mfloat-abi=${FLOAT_ABI}")
+endif()
 set(CMAKE_C_FLAGS_INIT "${CPU} -ffunction-sections -fdata-sections")
 set(CMAKE_CXX_FLAGS_INIT "${CPU} -ffunction-sections -fdata-sections")
 set(CMAKE_FIND_ROOT_PATH_MODE_PROGRAM NEVER)

@@ -23,28 +23,13 @@ void print_figure(const char *name, uint32_t value)
     semihost_puts("\n");
 }
 
-/* ---- time: SysTick counts down; under "-icount" its rate is a fixed number of instructions a tick ---- */
-
-void ticks_start(void)
-{
-    SYST_RVR = 0xFFFFFFu;
-    SYST_CVR = 0;
-    SYST_CSR = 5u; /* on, processor clock, no interrupt */
-}
-
-uint32_t ticks_since(uint32_t start)
-{
-    return (start - SYST_CVR) & 0xFFFFFFu;
-}
-
 uint32_t calibrate(void)
 {
     uint32_t ticks[2];
     int i;
     for (i = 0; i < 2; ++i) {
-        uint32_t loops = CALIBRATION_LOOPS;
-        const uint32_t start = SYST_CVR;
-        __asm volatile("1: subs %0, %0, #1\n bne 1b" : "+r"(loops) : : "cc");
+        const uint32_t start = ticks_now();
+        spin(CALIBRATION_LOOPS);
         ticks[i] = ticks_since(start);
     }
     if (ticks[0] == 0 || ticks[0] + 1 < ticks[1] || ticks[1] + 1 < ticks[0]) {

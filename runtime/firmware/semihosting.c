@@ -16,59 +16,51 @@ enum {
 
 static const uint32_t ADP_STOPPED_APPLICATION_EXIT = 0x20026u;
 
-static int32_t call(uint32_t operation, const void *arguments)
-{
-    register uint32_t r0 __asm("r0") = operation;
-    register const void *r1 __asm("r1") = arguments;
-    __asm volatile("bkpt 0xAB" : "+r"(r0) : "r"(r1) : "memory");
-    return (int32_t)r0;
-}
-
 int semihost_open(const char *path, int mode)
 {
     const uint32_t arguments[3] = {(uint32_t)(uintptr_t)path, (uint32_t)mode, strlen(path)};
-    return call(SYS_OPEN, arguments);
+    return semihost_call(SYS_OPEN, arguments);
 }
 
 size_t semihost_read(int file, void *bytes, size_t n)
 {
     const uint32_t arguments[3] = {(uint32_t)file, (uint32_t)(uintptr_t)bytes, n};
-    return (size_t)call(SYS_READ, arguments);
+    return (size_t)semihost_call(SYS_READ, arguments);
 }
 
 size_t semihost_write(int file, const void *bytes, size_t n)
 {
     const uint32_t arguments[3] = {(uint32_t)file, (uint32_t)(uintptr_t)bytes, n};
-    return (size_t)call(SYS_WRITE, arguments);
+    return (size_t)semihost_call(SYS_WRITE, arguments);
 }
 
 int semihost_seek(int file, uint32_t offset)
 {
     const uint32_t arguments[2] = {(uint32_t)file, offset};
-    return call(SYS_SEEK, arguments);
+    return semihost_call(SYS_SEEK, arguments);
 }
 
 int semihost_close(int file)
 {
     const uint32_t arguments[1] = {(uint32_t)file};
-    return call(SYS_CLOSE, arguments);
+    return semihost_call(SYS_CLOSE, arguments);
 }
 
 int32_t semihost_length(int file)
 {
     const uint32_t arguments[1] = {(uint32_t)file};
-    return call(SYS_FLEN, arguments);
+    return semihost_call(SYS_FLEN, arguments);
 }
 
 int semihost_command_line(char *text, size_t size)
 {
     uint32_t arguments[2] = {(uint32_t)(uintptr_t)text, size};
-    return call(SYS_GET_CMDLINE, arguments);
+    return semihost_call(SYS_GET_CMDLINE, arguments);
 }
 
 void semihost_puts(const char *text)
 {
-    call(SYS_WRITE0, text);
+    semihost_call(SYS_WRITE0, text);
 }
 
 void semihost_put_u32(uint32_t value)
@@ -98,6 +90,6 @@ void semihost_exit(int status)
 {
     const uint32_t arguments[2] = {ADP_STOPPED_APPLICATION_EXIT, (uint32_t)status};
     for (;;) {
-        call(SYS_EXIT_EXTENDED, arguments);
+        semihost_call(SYS_EXIT_EXTENDED, arguments);
     }
 }

@@ -5,6 +5,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
+/* Of the machine's own part: the call that the host answers. */
+int32_t semihost_call(uint32_t operation, const void *arguments);
+
 enum { SEMIHOST_READ = 1 /* "rb" */, SEMIHOST_WRITE = 7 /* "w+b" */ };
 
 /* Handle of a file, or -1. */

@@ -66,7 +66,7 @@ static aminn_status_t self_test;
 /* a byte, or -1 after a silence */
 static int get(void)
 {
-    const uint32_t start = SYST_CVR;
+    const uint32_t start = ticks_now();
     while ((UART_STATE & RX_FULL) == 0) {
         if (ticks_since(start) > SILENCE_TICKS) {
             return -1;

@@ -1,10 +1,16 @@
-/* What the startup code offers: the stack's high-water mark. */
+/* From reset to main, and the stack's high-water mark. */
 #ifndef STARTUP_H
 #define STARTUP_H
 
 #include <stdint.h>
 
 enum { EXIT_FAULT = 70 };
+
+/* Of the machine's own part: runs into an undefined instruction, to try the fault handler. */
+void cause_fault(void);
+
+/* For the reset handler: memory, stack and main; ends the run. */
+void enter_main(void);
 
 /* Fill the unused part of the stack with a pattern. */
 void stack_paint(void);

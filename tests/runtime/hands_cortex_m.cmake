@@ -31,7 +31,7 @@ run(IGNORED ${CXX} ${CPU} ${WARNINGS} -std=c++17 ${AMINN_RT_ARITHMETIC} ${AMINN_
   -DAMINN_HAND_HEADER="${HAND}" -I${SOURCE}/runtime/include -I${SOURCE}/runtime/src -I${SOURCE}/runtime/tools -I${FIRMWARE}
   -I${CMAKE_CURRENT_LIST_DIR} -r -nostdlib ${CMAKE_CURRENT_LIST_DIR}/hand_probe.cpp ${SOURCE}/runtime/src/cascade.cpp -o ${WORK}/probe.o)
 run(IGNORED ${CC} ${CPU} -std=gnu99 -T${WORK}/mps2.ld -nostartfiles --specs=nano.specs -Wl,--gc-sections ${FIRMWARE}/startup.c
-  ${FIRMWARE}/semihosting.c ${WORK}/probe.o -o ${WORK}/probe.elf -lm)
+  ${FIRMWARE}/machine_cortex_m.c ${FIRMWARE}/semihosting.c ${WORK}/probe.o -o ${WORK}/probe.elf -lm)
 run(GOT ${QEMU} -M mps2-an500 -nographic -monitor none -serial none -semihosting-config enable=on,target=native
   -kernel ${WORK}/probe.elf)
 run(WANTED ${TEST} --digest)

@@ -266,7 +266,7 @@ class Prober:
             script = (FIRMWARE / "mps2.ld.in").read_text()
             script = script.replace("@FLASH_ORIGIN@", target.flash).replace("@RAM_ORIGIN@", target.ram)
             (folder / "board.ld").write_text(script.replace("1024K", "512K"))
-            sources += [FIRMWARE / "startup.c", FIRMWARE / "semihosting.c"]
+            sources += [FIRMWARE / name for name in ("startup.c", "machine_cortex_m.c", "semihosting.c")]
             compile_it += ["-DAMINN_PROBE_IMAGE"]
             linker += [f"-T{folder / 'board.ld'}", "-nostartfiles", "--specs=nano.specs", "-Wl,--gc-sections"]
         objects = []

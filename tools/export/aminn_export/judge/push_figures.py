@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 
 from ..files.bin_model import read_bin_model
-from ..replay.firmware import BOARDS, COMPILER, QEMU
+from ..replay.firmware import BOARDS, CORTEX_M
 from ..replay.targets import DISPATCHED, HOSTED, replay_all
 
 Figures = dict[str, float | int | str | bool]
@@ -22,7 +22,7 @@ def available() -> tuple[str, ...]:
 
     hosted = [n for n, t in HOSTED.items() if there(t.compiler, t.cxx, *([t.emulator] if t.emulator else []))]
     dispatched = [n for n, emulator in DISPATCHED.items() if there("cmake", *emulator.split()[:1])]
-    return (*hosted, *dispatched, *(BOARDS if there(COMPILER, QEMU) else ()))
+    return (*hosted, *dispatched, *(BOARDS if there(CORTEX_M.compiler, CORTEX_M.emulator) else ()))
 
 
 def push_figures(

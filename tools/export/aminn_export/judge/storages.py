@@ -13,7 +13,8 @@ from aminn_hand.hand import OUTPUTS
 
 from ..files.bin_model import BinModel, model_crc, read_bin_model, write_bin_model
 from ..files.c_model import write_c_model
-from ..replay.targets import BOARDS, replay_all
+from ..replay.firmware import BOARDS
+from ..replay.targets import replay_all
 from ..samples.golden import GOLDEN_FILE
 from ..samples.reference import Reference
 from ..samples.vectors import read_vectors, write_vectors

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 
 from aminn_base.errors import AminnError
@@ -14,11 +15,64 @@ from aminn_rt.sources import runtime_source
 
 from ..files.hand_header import header_beside
 
-QEMU = "qemu-system-arm"
-BOARDS = {"cortex_m4": "mps2-an386", "cortex_m7": "mps2-an500", "cortex_m33": "mps2-an505"}
-"""qemu's name of the board by the target's name."""
-COMPILER = "arm-none-eabi-gcc"
-DEBIAN_PACKAGES = "gcc-arm-none-eabi libnewlib-arm-none-eabi libstdc++-arm-none-eabi-newlib qemu-system-arm"
+
+@dataclass(frozen=True)
+class Toolchain:
+    """What makes an image for a family of cores, and what runs it."""
+
+    file: str
+    """In runtime/firmware; it names each core's board."""
+    compiler: str
+    emulator: str
+    """Program and options of qemu, but for the board."""
+    packages: str
+    """Of Debian."""
+
+    def board_of(self, core: str) -> str:
+        """qemu's name of the board that has a core."""
+        text = (runtime_source() / "firmware" / self.file).read_text()
+        return dict(re.findall(r"^set\(BOARD_(\S+) (\S+)\)", text, re.MULTILINE))[core]
+
+
+CORTEX_M = Toolchain(
+    "arm-none-eabi.cmake",
+    "arm-none-eabi-gcc",
+    "qemu-system-arm",
+    "gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm",
+)
+RISCV32 = Toolchain(
+    "riscv32-unknown-elf.cmake",
+    "riscv64-unknown-elf-gcc",
+    "qemu-system-riscv32 -bios none",
+    "gcc-riscv64-unknown-elf picolibc-riscv64-unknown-elf qemu-system-misc",
+)
+
+
+@dataclass(frozen=True)
+class Board:
+    """A core with its board in qemu, and how an image for it is compiled."""
+
+    core: str
+    float_abi: str = ""
+    """softfp or soft, in the place of the core's own."""
+    toolchain: Toolchain = CORTEX_M
+    slow: bool = False
+    """No FPU: a prediction takes millions of instructions."""
+
+
+BOARDS = {"cortex_m4": Board("cortex-m4"), "cortex_m7": Board("cortex-m7"), "cortex_m33": Board("cortex-m33")}
+"""By target: those whose cost the project states."""
+MORE_BOARDS = {
+    "cortex_m0plus": Board("cortex-m0plus", slow=True),
+    "cortex_m3": Board("cortex-m3", slow=True),
+    "cortex_m23": Board("cortex-m23", slow=True),
+    "cortex_m4_softfp": Board("cortex-m4", float_abi="softfp"),
+    "cortex_m55": Board("cortex-m55"),
+    "riscv32_soft": Board("rv32imac", toolchain=RISCV32, slow=True),
+    "riscv32_fpu": Board("rv32imafc", toolchain=RISCV32),
+}
+"""Those whose bits are looked at as well."""
+IMAGES = BOARDS | MORE_BOARDS
 
 
 def build_firmware(
@@ -34,17 +88,20 @@ def build_firmware(
     than the program's own. The build also proves that the image holds no allocator. Raises AminnError if a program is
     missing or the build fails.
     """
-    if shutil.which(COMPILER) is None:
-        raise AminnError(f"{COMPILER} is not installed; on Debian: apt-get install {DEBIAN_PACKAGES}")
+    board = IMAGES[target]
+    compiler, packages = board.toolchain.compiler, board.toolchain.packages
+    if shutil.which(compiler) is None:
+        raise AminnError(f"{compiler} is not installed; on Debian: apt-get install {packages}")
     source = source or runtime_source() / "firmware"
     build_dir, model_dir = Path(build_dir).resolve(), Path(model_dir).resolve()
     if not (model_dir / f"{model}.c").is_file():
         raise AminnError(f"{model_dir}: no {model}.c; run aminn export")
     configure = ["cmake", "-S", str(source), "-B", str(build_dir), f"-DMODEL_DIR={model_dir}", f"-DMODEL={model}"]
-    configure += [f"-DAMINN_HAND={header_beside(model_dir) or ''}", "-DAMINN_RT_WERROR=OFF"]
+    configure += [f"-DAMINN_HAND={header_beside(model_dir) or ''}"]
     if not (build_dir / "CMakeCache.txt").is_file():
-        configure += [f"-DCMAKE_TOOLCHAIN_FILE={source / 'arm-none-eabi.cmake'}", f"-DBOARD={BOARDS[target]}"]
-    run_program(configure, "configuring the firmware", packages=DEBIAN_PACKAGES)
+        configure += [f"-DCMAKE_TOOLCHAIN_FILE={source / board.toolchain.file}", f"-DCORE={board.core}"]
+        configure += [f"-DFLOAT_ABI={board.float_abi}"] if board.float_abi else []
+    run_program(configure, "configuring the firmware", packages=packages)
     run_program(["cmake", "--build", build_dir], "building the firmware")
     return build_dir / "aminn_firmware.elf"
 
@@ -65,9 +122,12 @@ def run_firmware(image: Path | str, vectors: Path | str, out: Path | str, target
         # short names in the working folder: the target's command line has no quoting
         (work / "vectors.bin").symlink_to(vectors)
         semihosting = "enable=on,target=native,arg=firmware,arg=vectors.bin,arg=results.bin"
-        command = [QEMU, "-M", BOARDS[target], "-icount", "shift=0", "-nographic", "-monitor", "none"]
+        board = IMAGES[target]
+        command = [*board.toolchain.emulator.split(), "-M", board.toolchain.board_of(board.core)]
+        command += ["-icount", "shift=0", "-nographic", "-monitor", "none"]
         command += ["-serial", "none"]
         command += ["-semihosting-config", semihosting, "-kernel", str(image)]
-        text = run_program(command, f"firmware {image.name}", packages=DEBIAN_PACKAGES, folder=work, merged=True)
+        packages = board.toolchain.packages
+        text = run_program(command, f"firmware {image.name}", packages=packages, folder=work, merged=True)
         write_atomically(out, (work / "results.bin").read_bytes())
     return {name: int(value) for name, value in re.findall(r"^firmware: (\w+) (\d+)$", text, re.MULTILINE)}
