@@ -29,6 +29,9 @@
 #endif
 #if defined(__arm__) && defined(__OPTIMIZE_SIZE__) // off with -Os, but for such a pragma
 #pragma GCC optimize("no-shrink-wrap")
+#ifdef __SOFTFP__ // gcc 12 makes wrong code of calibrate_push.cpp with it (make fidelity: cortex_m3)
+#pragma GCC optimize("no-ivopts")
+#endif
 #endif
 #elif !defined(AMINN_RT_OTHER_COMPILER)
 #error "not gcc, not clang: have it fuse, reorder, flush nothing, define AMINN_RT_OTHER_COMPILER, run aminn_self_test"

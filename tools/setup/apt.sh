@@ -42,8 +42,13 @@ packages() {
     cross) # other processors, emulated
       echo "qemu-user have qemu-aarch64"
       echo "g++-aarch64-linux-gnu have aarch64-linux-gnu-g++"
+      echo "g++-arm-linux-gnueabihf have arm-linux-gnueabihf-g++"
       echo "g++-riscv64-linux-gnu have riscv64-linux-gnu-g++"
-      echo "g++-powerpc-linux-gnu have powerpc-linux-gnu-g++" ;;
+      echo "g++-powerpc-linux-gnu have powerpc-linux-gnu-g++"
+      echo "g++-s390x-linux-gnu have s390x-linux-gnu-g++"
+      echo "gcc-riscv64-unknown-elf have riscv64-unknown-elf-g++"
+      echo "picolibc-riscv64-unknown-elf"
+      echo "qemu-system-misc have qemu-system-riscv32" ;;
     check) # what reads the code and watches it run
       echo "gcovr have gcovr"
       echo "valgrind have valgrind"

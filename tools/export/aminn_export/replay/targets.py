@@ -18,10 +18,13 @@ from aminn_base.run import run_program
 from aminn_rt.sources import runtime_source
 
 from ..files.hand_header import header_beside
-from .firmware import BOARDS, build_firmware, run_firmware
+from .firmware import IMAGES, build_firmware, run_firmware
 from .runtime_place import REPLAY_SOURCES
 
-DEBIAN_PACKAGES = "clang-14 qemu-user g++-aarch64-linux-gnu g++-riscv64-linux-gnu g++-powerpc-linux-gnu"
+DEBIAN_PACKAGES = (
+    "clang-14 qemu-user g++-aarch64-linux-gnu g++-arm-linux-gnueabihf g++-riscv64-linux-gnu g++-powerpc-linux-gnu "
+    "g++-s390x-linux-gnu"
+)
 
 
 @dataclass(frozen=True)
@@ -49,8 +52,10 @@ HOSTED = {
     "x86_64_clang_O3": Hosted("clang-14", "-O3"),
     "x86_64_clang_O3_avx2_fma": Hosted("clang-14", "-O3 -mavx2 -mfma"),
     "aarch64_gcc_O2": Hosted("aarch64-linux-gnu-gcc", "-O2", "qemu-aarch64"),
+    "armhf_gcc_O3_neon": Hosted("arm-linux-gnueabihf-gcc", "-O3 -mfpu=neon", "qemu-arm"),
     "riscv64_gcc_O2": Hosted("riscv64-linux-gnu-gcc", "-O2", "qemu-riscv64"),
     "powerpc_gcc_O2": Hosted("powerpc-linux-gnu-gcc", "-O2", "qemu-ppc"),
+    "s390x_gcc_O2": Hosted("s390x-linux-gnu-gcc", "-O2", "qemu-s390x"),
 }
 # The library as CMake builds it for x86-64, which asks the processor for its widest core: this machine's, and those of
 # processors that qemu stands in for.
@@ -59,7 +64,8 @@ DISPATCHED = {
     "x86_64_library_avx2": "qemu-x86_64 -cpu Haswell",
     "x86_64_library_sse2": "qemu-x86_64 -cpu Nehalem",
 }
-TARGETS = (*HOSTED, *DISPATCHED, *BOARDS)
+TARGETS = (*HOSTED, *DISPATCHED, *IMAGES)
+SLOW = frozenset(name for name, board in IMAGES.items() if board.slow)
 
 
 def run(command: list[str], what: str) -> str:
@@ -128,7 +134,7 @@ def replay(name: str, model_dir: Path, prefix: str, vectors: Path, work: Path) -
         raise AminnError(f"no target {name!r}; there are {', '.join(TARGETS)}")
     work.mkdir(parents=True, exist_ok=True)
     out = work / "results.bin"
-    if name in BOARDS:
+    if name in IMAGES:
         image = build_firmware(model_dir, work / "build", prefix, name)
         return out, run_firmware(image, vectors, out, name)
     if name in DISPATCHED:
