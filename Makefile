@@ -215,6 +215,13 @@ consumers: setup-python $(STAMPS)/apt-fuzz ## the ONNX model in OpenVINO, IREE, 
 	  --report $(REPORTS)/consumers.json $(addprefix --only ,$(ONLY)) -- $(PIP_ARGS)
 	@echo "As documented. Report: $(REPORTS)/consumers.json"
 
+.PHONY: docs
+docs: setup-python $(STAMPS)/apt-docs ## these pages and the references of header and Python packages as a site, build/docs/html
+	@mkdir -p $(BUILD)/docs
+	@doxygen docs/Doxyfile
+	@$(PYTHON) -m sphinx -q -W --keep-going -b html docs $(BUILD)/docs/html
+	@echo "Pages: $(BUILD)/docs/html/index.html"
+
 .PHONY: install
 install: setup-host ## the C libraries, headers, CMake package and .pc files (PREFIX=/usr/local)
 	@cmake --install $(HOST) --prefix '$(PREFIX)' >$(BUILD)/logs/install.log || { cat $(BUILD)/logs/install.log; exit 1; }

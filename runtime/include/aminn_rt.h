@@ -197,6 +197,7 @@ typedef char aminn_compile_without_fpack_struct[sizeof(struct aminn_layout) == 2
 #define AMINN_N_THETA (AMINN_N_FACTOR + AMINN_N_JOINT + 1) /* 22 */
 #define AMINN_N_TERM (AMINN_N_CHOLESKY + 1) /* 7: of a branch what a stiffness adds to springs and gain */
 #define AMINN_N_TOLD_INPUT (AMINN_N_GLOBAL_INPUT + AMINN_N_FACTOR + AMINN_N_SENSED) /* 52: at most */
+#define AMINN_N_STATICS (AMINN_N_AUX > AMINN_N_SURE ? AMINN_N_AUX : AMINN_N_SURE)   /* that either sees: at most */
 #define AMINN_N_LAST_INPUT (AMINN_N_CONTACT_INPUT > AMINN_N_TOLD_INPUT ? AMINN_N_CONTACT_INPUT : AMINN_N_TOLD_INPUT)
 
 /* Room that statics needs beside its stack, and what layer_out takes for it: what slides do, or the contacts' joints. */
@@ -620,7 +621,7 @@ typedef struct aminn_context {
     float slog_w[AMINN_N_WRENCH];
     float layer_in[AMINN_N_LAYER_IN];
     float layer_out[AMINN_N_LAYER_OUT]; /* statics works in AMINN_N_ROOM numbers from layer_in on */
-    float feature[AMINN_MAX_WIDTH + (AMINN_N_AUX > AMINN_N_SURE ? AMINN_N_AUX : AMINN_N_SURE)];
+    float feature[AMINN_MAX_WIDTH + AMINN_N_STATICS];
     float head[AMINN_N_HEAD_STORED];
 } aminn_t;
 

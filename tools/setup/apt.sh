@@ -49,13 +49,15 @@ packages() {
       echo "gcc-riscv64-unknown-elf have riscv64-unknown-elf-g++"
       echo "picolibc-riscv64-unknown-elf"
       echo "qemu-system-misc have qemu-system-riscv32" ;;
+    docs) # what reads the header for the site of the documentation
+      echo "doxygen have doxygen" ;;
     check) # what reads the code and watches it run
       echo "gcovr have gcovr"
       echo "valgrind have valgrind"
       echo "cppcheck have cppcheck"
       echo "clang-tidy have clang-tidy" ;;
     *)
-      echo "apt.sh: no group '$1' (make host sim view python arm test fuzz bench cross check)" >&2
+      echo "apt.sh: no group '$1' (make host sim view python arm test fuzz bench cross docs check)" >&2
       exit 2 ;;
   esac
 }

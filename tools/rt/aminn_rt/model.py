@@ -42,7 +42,7 @@ class _Rows(NamedTuple):
 
 
 class Note(IntFlag):
-    """What speaks against a prediction (AMINN_NOTE_... in aminn_rt.h)."""
+    """What speaks against a prediction (``AMINN_NOTE_...`` in aminn_rt.h)."""
 
     OUT_OF_RANGE = 1
     """A number of the state lies outside of what the model was trained on."""
@@ -84,7 +84,7 @@ class Prediction:
 
 
 class LimitedBy(IntEnum):
-    """What keeps a load from being larger (AMINN_LIMITED_... in aminn_rt.h)."""
+    """What keeps a load from being larger (``AMINN_LIMITED_...`` in aminn_rt.h)."""
 
     NOT = 0
     """Nothing: `max_scale` is admissible."""
