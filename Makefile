@@ -47,7 +47,7 @@ FIRMWARE_SOURCES := $(RUNTIME_SOURCES) $(filter-out %.py,$(call sources,runtime/
 FUZZ_SOURCES    := $(RUNTIME_SOURCES) $(filter-out %.py,$(call sources,tests/fuzz tests/golden))
 FORMATTED       := $(filter %.c %.h %.cpp %.hpp,$(call sources,sim runtime tools/rt tests/runtime tests/fuzz))
 PYTHON_PACKAGES := $(wildcard sim/aminn_* trainer/aminn tools/*/aminn_*)
-PYTHON_FOLDERS  := $(wildcard sim trainer tools tests runtime)
+PYTHON_FOLDERS  := $(wildcard sim trainer tools tests runtime packaging)
 
 # --- targets for people -------------------------------------------------------------------------------------------
 .PHONY: help

@@ -15,7 +15,12 @@ function(run EXPECTED)
 endfunction()
 
 run(ok ${CMAKE_COMMAND} --install "${BUILD}" --prefix "${PREFIX}")
-set(CONFIGURE ${CMAKE_COMMAND} -S "${SOURCE}/runtime/examples" -G ${GENERATOR} -DCMAKE_PREFIX_PATH=${PREFIX}
+foreach(FILE LICENSE runtime.md model-format.md)
+  if(NOT EXISTS "${PREFIX}/share/doc/aminn_rt/${FILE}")
+    message(FATAL_ERROR "not installed: ${FILE}")
+  endif()
+endforeach()
+set(CONFIGURE ${CMAKE_COMMAND} -S "${PREFIX}/share/aminn_rt/examples" -G ${GENERATOR} -DCMAKE_PREFIX_PATH=${PREFIX}
   -DCMAKE_C_COMPILER=${C_COMPILER} -DMODEL_DIR=${SOURCE}/tests/golden)
 run(ok ${CONFIGURE} -B "${WORK}/cmake")
 run(ok ${CMAKE_COMMAND} --build "${WORK}/cmake")
