@@ -81,38 +81,23 @@ static uint32_t loads_crc;
 static void calibrate_all(const aminn_model_t *model, const vector_header_t *vectors, const float *rows)
 {
     static aminn_t ctx;
-    static aminn_sensors_t sensors;
-    const size_t size = vector_sample(vectors), n_sensor = vector_n_sensor(vectors);
     aminn_status_t status = aminn_init(&ctx, model, 0);
-    uint32_t i;
     status = status == AMINN_OK ? aminn_calibrator_init(&calibrator, model, NULL, NULL) : status;
     if (status != AMINN_OK) {
         die("%s: %s", aminn_status_name(status), aminn_status_text(status));
     }
-    if (n_sensor != 0) {
-        aminn_sense(&ctx, &sensors); /* of a model that sees none all samples were refused */
-    }
-    for (i = 0; i < vectors->n; ++i) {
-        const float *row = rows + (size_t)i * RESULT_N_OUT; /* p_stable, dx_ht .. stable */
-        aminn_input_t in;
-        const float *sample = (const float *)(vectors + 1) + i * size;
-        memcpy(&in, sample, sizeof in);
-        memcpy(&sensors, sample + size - n_sensor, n_sensor * sizeof *sample);
-        loads_crc = load_crc(&ctx, vectors, i, &in, loads_crc);
-        learn_sample(&ctx, &calibrator, i, &in, row + 1, row[VECTOR_N_OUT] > 0.5F);
-    }
+    learn_rows(&ctx, &calibrator, vectors, rows, &loads_crc);
 }
 
 static void write_results(const char *path, uint32_t n, float *rows, int32_t *statuses)
 {
     const size_t rows_size = (size_t)n * RESULT_N_OUT * sizeof *rows;
     const size_t statuses_size = (size_t)n * sizeof *statuses;
-    vector_header_t header = {RESULT_MAGIC, VECTOR_VERSION, 0, 0, RESULT_N_OUT, 0, 0, 0};
+    vector_header_t header;
     FILE *file = NULL;
     vector_swap(rows, (size_t)n * RESULT_N_OUT);
     vector_swap(statuses, n);
-    header.n = n;
-    header.crc = vector_crc(vector_crc(0, rows, rows_size), statuses, statuses_size);
+    header = result_header(n, rows, statuses);
     vector_swap(&header, sizeof header / sizeof(uint32_t));
     file = create_output(path);
     write_output(file, &header, sizeof header);

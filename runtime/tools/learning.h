@@ -1,7 +1,7 @@
 /*
  * learning.h - what goes along with a replay, so that its bits can be compared: a calibration of a hand that moves a quarter
- * further than the model predicts, and the largest admissible loads of the first samples. Used by the host's replay program and
- * by the firmware.
+ * further than the model predicts, and the largest admissible loads of the first samples. Used by the host's replay program, by
+ * the firmware, and by the WebAssembly module.
  */
 #ifndef AMINN_LEARNING_H
 #define AMINN_LEARNING_H
@@ -68,6 +68,31 @@ static inline uint32_t load_crc(aminn_t *ctx, const vector_header_t *header, uin
     memcpy(words, &found, sizeof words); /* scale, admissible, limited_by */
     vector_swap(words, sizeof words / sizeof *words);
     return vector_crc(crc, words, sizeof words);
+}
+
+/* Both for all samples of a vector file, of which `rows` (n x RESULT_N_OUT) were predicted; continues *loads. ctx and calibrator are
+ * initialised; ctx uses no sensors afterwards. */
+static inline void learn_rows(aminn_t *ctx, aminn_calibrator_t *calibrator, const vector_header_t *vectors,
+                              const float *rows, uint32_t *loads)
+{
+    const size_t size = vector_sample(vectors), n_sensor = vector_n_sensor(vectors);
+    const float *sample = (const float *)(vectors + 1);
+    aminn_sensors_t sensors;
+    uint32_t i;
+    memset(&sensors, 0, sizeof sensors);
+    if (n_sensor != 0) {
+        aminn_sense(ctx, &sensors); /* of a model that sees none all samples were refused */
+    }
+    for (i = 0; i < vectors->n; ++i) {
+        const float *row = rows + (size_t)i * RESULT_N_OUT; /* p_stable, dx_ht .. stable */
+        aminn_input_t in;
+        memcpy(&in, sample, sizeof in);
+        memcpy(&sensors, sample + size - n_sensor, n_sensor * sizeof *sample);
+        *loads = load_crc(ctx, vectors, i, &in, *loads);
+        learn_sample(ctx, calibrator, i, &in, row + 1, row[VECTOR_N_OUT] > 0.5F);
+        sample += size;
+    }
+    aminn_sense(ctx, NULL);
 }
 
 #endif

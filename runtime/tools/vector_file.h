@@ -1,6 +1,6 @@
 /*
  * vector_file.h - headers of vector files (inputs with reference outputs) and of result files; docs/model-format.md has
- * the bytes. Used by the host's replay program and by the firmware; both read and write one sample at a time.
+ * the bytes. Used by the host's replay program, by the firmware and by the WebAssembly module.
  */
 #ifndef AMINN_VECTOR_FILE_H
 #define AMINN_VECTOR_FILE_H
@@ -139,6 +139,16 @@ static inline void vector_swap(void *words, size_t n)
     (void)words;
     (void)n;
 #endif
+}
+
+/* Header, in this machine's order, of a result file whose rows and status codes are in the file's order already. */
+static inline vector_header_t result_header(uint32_t n, const float *rows, const int32_t *statuses)
+{
+    vector_header_t header = {RESULT_MAGIC, VECTOR_VERSION, 0, 0, RESULT_N_OUT, 0, 0, 0};
+    header.n = n;
+    header.crc =
+        vector_crc(vector_crc(0, rows, (size_t)n * RESULT_N_OUT * sizeof *rows), statuses, n * sizeof *statuses);
+    return header;
 }
 
 /* Bytes that follow the header of a vector file. */
