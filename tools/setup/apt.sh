@@ -51,13 +51,21 @@ packages() {
       echo "qemu-system-misc have qemu-system-riscv32" ;;
     docs) # what reads the header for the site of the documentation
       echo "doxygen have doxygen" ;;
+    wasm) # the runtime for browsers and Node
+      echo "clang-14 have clang-14"
+      echo "lld-14 have wasm-ld-14"
+      echo "wasi-libc"
+      echo "libclang-rt-14-dev-wasm32"
+      echo "nodejs have node" ;;
+    browser) # what tries pages
+      echo "chromium have chromium" ;;
     check) # what reads the code and watches it run
       echo "gcovr have gcovr"
       echo "valgrind have valgrind"
       echo "cppcheck have cppcheck"
       echo "clang-tidy have clang-tidy" ;;
     *)
-      echo "apt.sh: no group '$1' (make host sim view python arm test fuzz bench cross docs check)" >&2
+      echo "apt.sh: no group '$1' (make host sim view python arm test fuzz bench cross docs wasm browser check)" >&2
       exit 2 ;;
   esac
 }

@@ -1,13 +1,12 @@
 """The machines and compilers that the runtime is replayed on: what to build, and how to run it.
 
 A hosted target is the library's sources, an exported model and `aminn_replay` in one program, run on this machine or in
-qemu's user mode. A board is a firmware image in qemu. Each turns a vector file into a result file; if all is well they
-all write the same bytes.
+qemu's user mode. `WASM` is the library as a WebAssembly module in Node. A board is a firmware image in qemu. Each turns
+a vector file into a result file; if all is well they all write the same bytes.
 """
 
 from __future__ import annotations
 
-import functools
 import re
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -19,7 +18,9 @@ from aminn_rt.sources import runtime_source
 
 from ..files.hand_header import header_beside
 from .firmware import IMAGES, build_firmware, run_firmware
+from .options import own_options
 from .runtime_place import REPLAY_SOURCES
+from .wasm import build_wasm, replay_wasm
 
 DEBIAN_PACKAGES = (
     "clang-14 qemu-user g++-aarch64-linux-gnu g++-arm-linux-gnueabihf g++-riscv64-linux-gnu g++-powerpc-linux-gnu "
@@ -64,21 +65,15 @@ DISPATCHED = {
     "x86_64_library_avx2": "qemu-x86_64 -cpu Haswell",
     "x86_64_library_sse2": "qemu-x86_64 -cpu Nehalem",
 }
-TARGETS = (*HOSTED, *DISPATCHED, *IMAGES)
+WASM = "wasm32_clang_O2"
+"""Runs in Node."""
+TARGETS = (*HOSTED, *DISPATCHED, WASM, *IMAGES)
 SLOW = frozenset(name for name, board in IMAGES.items() if board.slow)
 
 
 def run(command: list[str], what: str) -> str:
     """`run_program` with what these targets need of Debian."""
     return run_program(command, what, packages=DEBIAN_PACKAGES)
-
-
-@functools.cache
-def own_options() -> tuple[str, ...]:
-    """The project's own options of the library, but for warnings and what is for firmware alone."""
-    text = (runtime_source() / "cmake" / "options.cmake").read_text()
-    lists = re.findall(r"^set\(AMINN_RT_(\w+)[^\n]*\n([^)]*)\)", text, re.MULTILINE)
-    return tuple(option for name, options in lists if name != "EMBEDDED" for option in options.split())
 
 
 def build_hosted(target: Hosted, model_dir: Path, prefix: str, build_dir: Path) -> Path:
@@ -137,9 +132,13 @@ def replay(name: str, model_dir: Path, prefix: str, vectors: Path, work: Path) -
     if name in IMAGES:
         image = build_firmware(model_dir, work / "build", prefix, name)
         return out, run_firmware(image, vectors, out, name)
+    blob = model_dir / f"{prefix}.bin"
+    if name == WASM:
+        module = build_wasm(work / "aminn.wasm", header_beside(model_dir))
+        return out, _figures(replay_wasm(module, blob, vectors, out), name)
     if name in DISPATCHED:
         library = build_library(work / "build", header_beside(model_dir))
-        command = [*DISPATCHED[name].split(), str(library), str(model_dir / f"{prefix}.bin")]
+        command = [*DISPATCHED[name].split(), str(library), str(blob)]
         return out, _figures(run([*command, str(vectors), str(out)], f"replaying on {name}"), name)
     target = HOSTED[name]
     program = build_hosted(target, model_dir, prefix, work)
