@@ -61,7 +61,7 @@ demo: setup-python setup-host setup-arm ## the whole path: simulate, train, comp
 	@$(PYTHON) -m aminn_app.demo --build $(BUILD)
 
 .PHONY: test
-test: setup-python setup-view setup-host-tests setup-arm $(STAMPS)/apt-fuzz $(STAMPS)/apt-sim ## lint, C tests, Python tests, and the golden vectors on the emulated Cortex-M7
+test: setup-python setup-view setup-host-tests setup-arm $(STAMPS)/apt-fuzz $(STAMPS)/apt-sim $(STAMPS)/apt-wasm ## lint, C tests, Python tests, and the golden vectors on the emulated Cortex-M7
 	@$(MAKE) --no-print-directory lint
 	@mkdir -p $(BUILD)/test
 	@ctest --test-dir $(HOST) --output-on-failure --no-tests=error --parallel $(JOBS) \
@@ -118,7 +118,7 @@ bench: setup-python setup-host $(STAMPS)/apt-bench ## time of a prediction besid
 	@$(PYTHON) -m aminn_export.judge.bench --model tests/golden --build $(HOST) --json $(REPORTS)/bench.json
 
 .PHONY: fidelity
-fidelity: setup-python setup-host setup-arm $(STAMPS)/apt-cross $(STAMPS)/apt-fuzz ## errors to float64 beside ONNX Runtime's; the bits of 27 targets
+fidelity: setup-python setup-host setup-arm $(STAMPS)/apt-cross $(STAMPS)/apt-fuzz $(STAMPS)/apt-wasm ## errors to float64 beside ONNX Runtime's; the bits of all targets
 	@[ -f $(BUILD)/fidelity/data/manifest.json ] || $(VENV)/bin/aminn simulate --out $(BUILD)/fidelity/data \
 	  --grasps 1250 --cases 16 --seed 77 --threads $(THREADS)
 	@$(PYTHON) -m aminn_export.judge.fidelity --model tests/golden --data $(BUILD)/fidelity/data --work $(BUILD)/fidelity \
@@ -209,6 +209,16 @@ gallery: setup-python setup-view ## pictures of grasps before and after their lo
 	@[ -f $(BUILD)/dataset/manifest.json ] || $(MAKE) --no-print-directory dataset
 	@$(VENV)/bin/aminn simulate --out $(BUILD)/dataset --gallery $(PICTURES)
 
+.PHONY: play
+play: setup-python setup-host $(STAMPS)/apt-wasm $(STAMPS)/browser ## a page to play with, of the reference model and of make hands' models; tried in Chromium
+	@[ -f $(BUILD)/play/data/manifest.json ] || $(VENV)/bin/aminn simulate --out $(BUILD)/play/data --grasps 96 --cases 12 \
+	  --seed 5 --threads $(THREADS)
+	@$(VENV)/bin/aminn play --export tests/golden --data $(BUILD)/play/data --out $(BUILD)/play.html \
+	  $(foreach hand,$(wildcard $(BUILD)/hands/*/export),--export $(hand) --data $(hand:export=data))
+	@PYTHONPATH=$(BUILD)/browser $(PYTHON) tests/play/browser.py $(BUILD)/play.html --model tests/golden \
+	  --replay $(HOST)/runtime/aminn_replay --shots $(BUILD)/play --report $(REPORTS)/play.json
+	@echo "Page: $(BUILD)/play.html, screenshots: $(BUILD)/play, report: $(REPORTS)/play.json"
+
 .PHONY: consumers
 consumers: setup-python $(STAMPS)/apt-fuzz ## the ONNX model in OpenVINO, IREE, tract, tinygrad and others, against float64 (ONLY="iree tract")
 	@CC=clang-14 $(PYTHON) tests/consumers/run.py --model tests/golden --work $(BUILD)/consumers \
@@ -253,6 +263,12 @@ $(VENV)/pyvenv.cfg:
 # .venv at the versions of constraints.txt.
 $(STAMPS)/venv: constraints.txt pyproject.toml tools/setup/python.sh $(VENV)/pyvenv.cfg | $(STAMPS)/apt-python
 	@tools/setup/python.sh $(VENV) $(PIP_ARGS)
+	@touch $@
+
+# What drives the browser that tries pages.
+$(STAMPS)/browser: tests/play/requirements.txt | $(STAMPS)/venv $(STAMPS)/apt-browser
+	@$(QUIET) $(BUILD)/logs/browser.log $(PYTHON) -m pip install --disable-pip-version-check --no-deps --upgrade \
+	  --target $(BUILD)/browser -r tests/play/requirements.txt $(PIP_ARGS)
 	@touch $@
 
 # The simulation's engine: the fastest build that can be had.

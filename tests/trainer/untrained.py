@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from synthetic import hand, write_dataset
+from synthetic import write_dataset
 
 from aminn.data.dataset import load_dataset
 from aminn.model.checkpoint import build_model, save_checkpoint
@@ -22,12 +22,12 @@ def made_up_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def untrained_run(folder: Path, data_dir: Path, kind: str = "aminn", **config: bool) -> Path:
-    """A run of the made-up hand in `folder`; `config` are settings of the model."""
+    """A run of the data's hand in `folder`; `config` are settings of the model."""
     data = load_dataset(data_dir)
     identity = identity_of(TrainConfig(), data.sha256)
     meta = {"tau": 0.5173, "identity": identity, "data": {}, "data_config_sha256": data.manifest["config_sha256"]}
     with torch.random.fork_rng():
         torch.manual_seed(0)
-        model = build_model(kind, ModelConfig(**config), hand())
+        model = build_model(kind, ModelConfig(**config), data.hand)
     save_checkpoint(folder, model, meta)
     return folder

@@ -110,7 +110,7 @@ def _show_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> N
 def main() -> None:
     """Predict how a robot hand's grasp gives way under load.
 
-    Simulate, train, evaluate, calibrate, explain, export, verify, compare, report.
+    Simulate, train, evaluate, calibrate, explain, export, verify, compare, report, play.
     """
 
 
@@ -680,6 +680,33 @@ def explain(
     if out:
         draw(found, out)
         click.echo(f"picture: {out}")
+
+
+@main.command()
+@click.option("--run", "runs", type=EXISTING, multiple=True, help="Folder of an AMINN checkpoint; may be repeated.")
+@click.option("--export", "exports", type=EXISTING, multiple=True, help="Folder that `aminn export` wrote; likewise.")
+@click.option(
+    "--data",
+    type=DATA,
+    multiple=True,
+    required=True,
+    help="Data set to show grasps of; of a run the one that it was trained on. One for each hand.",
+)
+@click.option("--grasps", type=click.IntRange(1), default=12, show_default=True, help="Grasps to show of each hand.")
+@click.option("--out", type=NEW_FILE, required=True, help="The page (.html).")
+def play(runs: tuple[Path, ...], exports: tuple[Path, ...], data: tuple[Path, ...], grasps: int, out: Path) -> None:
+    """Write a page to play with: drag a load and see what the model predicts.
+
+    One HTML file that needs no server and no network: the runtime is compiled to WebAssembly (clang, lld and wasi-libc
+    must be installed), the model and recorded grasps are in it. Give --run or --export, for several hands repeatedly.
+    """
+    from .play import play as write
+
+    if not runs and not exports:
+        raise click.UsageError("give a model: --run RUN or --export FOLDER")
+    for line in write(out, runs, exports, data, grasps):
+        click.echo(line)
+    click.echo(f"page: {out} ({out.stat().st_size / 1e6:.1f} MB)")
 
 
 @main.group(cls=Commands)
