@@ -45,7 +45,7 @@ MODULE_SOURCES  := pyproject.toml $(RUNTIME_SOURCES) $(filter-out %.py,$(call so
 TEST_SOURCES    := $(filter-out %.py,$(call sources,tests/runtime tests/golden))
 FIRMWARE_SOURCES := $(RUNTIME_SOURCES) $(filter-out %.py,$(call sources,runtime/firmware tests/golden))
 FUZZ_SOURCES    := $(RUNTIME_SOURCES) $(filter-out %.py,$(call sources,tests/fuzz tests/golden))
-FORMATTED       := $(filter %.c %.h %.cpp %.hpp,$(call sources,sim runtime tools/rt tests/runtime tests/fuzz))
+FORMATTED       := $(filter %.c %.h %.cpp %.hpp,$(call sources,sim runtime tools/rt tests/runtime tests/fuzz examples zephyr))
 PYTHON_PACKAGES := $(wildcard sim/aminn_* trainer/aminn tools/*/aminn_*)
 PYTHON_FOLDERS  := $(wildcard sim trainer tools tests runtime packaging)
 
