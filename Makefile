@@ -232,6 +232,11 @@ docs: setup-python $(STAMPS)/apt-docs ## these pages and the references of heade
 	@$(PYTHON) -m sphinx -q -W --keep-going -b html docs $(BUILD)/docs/html
 	@echo "Pages: $(BUILD)/docs/html/index.html"
 
+.PHONY: wheels
+wheels: setup-python setup-host setup-arm setup-view ## sdist and wheel, built and used outside the tree on every Python that is here
+	@$(PYTHON) tests/wheel/matrix.py --json $(REPORTS)/wheels.json
+	@echo "Report: $(REPORTS)/wheels.json"
+
 .PHONY: install
 install: setup-host ## the C libraries, headers, CMake package and .pc files (PREFIX=/usr/local)
 	@cmake --install $(HOST) --prefix '$(PREFIX)' >$(BUILD)/logs/install.log || { cat $(BUILD)/logs/install.log; exit 1; }
@@ -280,7 +285,8 @@ $(STAMPS)/mujoco: tools/setup/mujoco.sh tools/setup/mujoco.txt | $(STAMPS)/venv
 $(STAMPS)/module: $(STAMPS)/venv $(STAMPS)/mujoco $(MODULE_SOURCES) | $(STAMPS)/apt-host
 	@echo "Building the Python modules"
 	@$(QUIET) $(BUILD)/logs/module.log $(PYTHON) -m pip install --disable-pip-version-check \
-	  --no-build-isolation --no-deps --config-settings=cmake.define.AMINN_RT_WERROR=ON --editable .
+	  --no-build-isolation --no-deps --config-settings=cmake.define.AMINN_RT_WERROR=ON \
+	  --config-settings=cmake.define.AMINN_SIM=ON --editable .
 	@touch $@
 
 # The C runtime for this machine.
