@@ -72,11 +72,16 @@ test: setup-python setup-view setup-host-tests setup-arm $(STAMPS)/apt-fuzz $(ST
 	@echo "All tests passed. Counts: $(REPORTS)/test.json, details: $(BUILD)/test/, firmware: $(REPORTS)/firmware.json"
 
 .PHONY: lint
-lint: $(STAMPS)/venv ## ruff on the Python files, mypy on the packages, clang-format on the C and C++ files
+lint: lint-types ## ruff on the Python files, mypy on the packages, clang-format on the C and C++ files, typos on all
 	@$(PYTHON) -m ruff check --quiet $(PYTHON_FOLDERS)
-	@$(PYTHON) -m mypy --no-error-summary $(PYTHON_PACKAGES)
+	@$(PYTHON) -m ruff format --quiet --check $(PYTHON_FOLDERS) || { $(PYTHON) -m ruff format --check $(PYTHON_FOLDERS); exit 1; }
 	@$(VENV)/bin/clang-format --dry-run --Werror $(FORMATTED)
-	@echo "Lint: no findings (ruff, mypy, clang-format)"
+	@$(VENV)/bin/typos --format brief
+	@echo "Lint: no findings (ruff, mypy, clang-format, typos)"
+
+.PHONY: lint-types
+lint-types: $(STAMPS)/venv
+	@$(PYTHON) -m mypy --no-error-summary $(PYTHON_PACKAGES)
 
 .PHONY: dataset
 dataset: setup-python ## simulated grasps and loads, in build/dataset (GRASPS=, CASES= a grasp, SEED=, THREADS=)
@@ -236,6 +241,12 @@ docs: setup-python $(STAMPS)/apt-docs ## these pages and the references of heade
 wheels: setup-python setup-host setup-arm setup-view ## sdist and wheel, built and used outside the tree on every Python that is here
 	@$(PYTHON) tests/wheel/matrix.py --json $(REPORTS)/wheels.json
 	@echo "Report: $(REPORTS)/wheels.json"
+
+.PHONY: release
+release: setup-python ## all that a release needs: clean tree, one version, tests, wheels; then build/release (nothing is uploaded)
+	@tools/setup/release.sh check
+	@$(MAKE) --no-print-directory test wheels
+	@tools/setup/release.sh build $(BUILD)/release
 
 .PHONY: install
 install: setup-host ## the C libraries, headers, CMake package and .pc files (PREFIX=/usr/local)

@@ -55,9 +55,7 @@ OWN_PARTIAL = re.compile(r"\.?(shard-\d{5,}\.h5|manifest\.json|unfinished\.json)
 Arrays = dict[str, np.ndarray]
 
 
-def _open_simulator(
-    config: SimulationConfig, digest: str, build: dict[str, str], hand: Path | None
-) -> _core.Simulator:
+def _open_simulator(config: SimulationConfig, digest: str, build: dict[str, str], hand: Path | None) -> _core.Simulator:
     """The simulator of this machine, if it makes the data set of `digest` on this build of the engine."""
     if not is_here(build):
         raise SimulationError(
