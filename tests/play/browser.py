@@ -32,6 +32,7 @@ TIMEOUT_MS = 240_000
 """Software rendering on a busy machine takes its time."""
 REFINED_MS = 400
 """After it the surface of largest loads is the fine one."""
+POLL_MS = 20
 DRAG = (30, -24)
 KEYS = ("ArrowRight", "ArrowUp", "PageDown", "Shift+ArrowLeft")
 
@@ -52,8 +53,16 @@ class Trial:
 
     def open(self, file: Path) -> None:
         self.page.goto(file.resolve().as_uri(), wait_until="domcontentloaded")
-        self.page.wait_for_function("globalThis.aminnPlay?.shown()")
+        self.wait("Boolean(globalThis.aminnPlay?.shown())")
         self.page.add_script_tag(path=PROBE)
+
+    def wait(self, what: str) -> None:
+        """Until the expression is true; Playwright's own waiting evaluates text in the page, which the page forbids."""
+        end = time.monotonic() + TIMEOUT_MS / 1000
+        while not self.page.evaluate(what):
+            if time.monotonic() > end:
+                raise click.ClickException(f"{self.name}: no end of waiting for {what}")
+            self.page.wait_for_timeout(POLL_MS)
 
     def ask(self, question: str, *given: str) -> list[str]:
         found: list[str] = self.page.evaluate(f"(given) => probe.{question}(...given)", given)
@@ -61,14 +70,15 @@ class Trial:
 
     def choose(self, control: str, value: str) -> None:
         self.ask("choose", control, value)
-        self.page.wait_for_function("probe.settled()")
+        self.wait("probe.settled()")
 
-    def check_moved(self, how: Callable[[], object], text: str) -> None:
-        """Load, numbers and sentence have to change by what `how` does."""
+    def check_moved(self, how: Callable[[], object], text: str, far: bool = True) -> None:
+        """By what `how` does the load and what its handles say have to change; if `far`, motion and sentence too."""
         before = self.ask("seen")
         how()
-        self.page.wait_for_function("probe.settled()")
-        self.check(all(a != b for a, b in zip(before, self.ask("seen"), strict=True)), text)
+        self.wait("probe.settled()")
+        changed = [a != b for a, b in zip(before, self.ask("seen"), strict=True)]
+        self.check(all(changed if far else changed[:2]), f"{text} ({changed})")
 
     def check_width(self, when: str) -> int:
         width = int(self.page.evaluate("document.documentElement.scrollWidth"))
@@ -103,7 +113,7 @@ class Trial:
             self.check_moved(lambda w=what: self.drag(f"#{w}"), f"the {what} does not follow")
             handle.focus()
             for key in KEYS:
-                self.check_moved(lambda k=key: press(k), f"the {what} ignores {key}")
+                self.check_moved(lambda k=key: press(k), f"the {what} ignores {key}", far=False)
             told = handle.get_attribute("aria-valuetext") or ""
             self.check(f" {unit}: x " in told, f"the {what} says {told!r}")
         self.check_moved(self.page.locator("#no-load").click, "the load stays")
@@ -112,7 +122,7 @@ class Trial:
         self.page.locator("#canvas").focus()
         view = self.ask("view")
         press("ArrowLeft")
-        self.page.wait_for_function("(view) => probe.view() !== view", arg=view)
+        self.wait(f"probe.view() !== {view!r}")
         press("Home")
 
     def try_controls(self) -> int:

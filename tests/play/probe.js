@@ -1,7 +1,11 @@
 // What browser.py asks of the page.
 globalThis.probe = {
-  /** What has to change when the load does. */
-  seen: () => [String(aminnPlay.at.load), ...["moves", "sentence"].map((id) => document.getElementById(id).textContent)],
+  /** What changes with the load: it, what its handles say, and where it is much of a change the motion and the sentence. */
+  seen: () => [
+    String(aminnPlay.at.load),
+    ["force", "moment"].map((id) => document.getElementById(id).getAttribute("aria-valuetext")).join(),
+    ...["moves", "sentence"].map((id) => document.getElementById(id).textContent),
+  ],
 
   /** The picture shows the load that is set. */
   settled: () => String(aminnPlay.at.load) === String(aminnPlay.shown().load),

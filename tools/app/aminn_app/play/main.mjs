@@ -196,6 +196,7 @@ function names(scene, origin) {
 function showHandles(scene) {
   const origin = camera.project(scene.origin);
   let written = "";
+  let [other, above] = [null, false]; // the handle before, and on which side of it its text is
   for (const { kind, group, start } of handles) {
     const part = at.load.slice(start, start + 3);
     const size = norm(part);
@@ -209,7 +210,9 @@ function showHandles(scene) {
     group.setAttribute("aria-valuemax", hand().largest_load[start ? 1 : 0]);
     group.setAttribute("aria-valuenow", size.toFixed(3));
     group.setAttribute("aria-valuetext", `${text}: x ${x}, y ${y}, z ${z}`);
-    if (size > 0) written += label(place, text, "load", 0, off[1] > 0 ? 26 : -14);
+    above = other && norm(subtract(place, other)) < 2 * HANDLE_PX ? !above : off[1] <= 0;
+    other = place;
+    if (size > 0) written += label(place, text, "load", 0, above ? -14 : 26);
   }
   written += names(scene, origin);
   AXES.forEach((name, i) => {
