@@ -79,7 +79,7 @@ def test_conan_makes_a_package_that_a_program_links(tmp_path: Path) -> None:
         "target_link_libraries(user PRIVATE aminn_rt::aminn_rt m)\n"
     )
     wanted = ["--requires", f"aminn_rt/{VERSION}", "-g", "CMakeToolchain", "--no-remote", *debug, "-of", tmp_path]
-    run(BIN / "conan", "install", *wanted, **home)
+    run(BIN / "conan", "install", *wanted, folder=tmp_path, **home)
     toolchain = next(tmp_path.rglob("conan_toolchain.cmake"))
     run("cmake", "-B", "build", f"-DCMAKE_TOOLCHAIN_FILE={toolchain}", "-DCMAKE_BUILD_TYPE=Debug", folder=tmp_path)
     run("cmake", "--build", "build", folder=tmp_path)
