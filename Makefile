@@ -150,8 +150,9 @@ weights: setup-python setup-host setup-arm $(STAMPS)/apt-cross ## float32, float
 	@echo "Report: $(REPORTS)/weights.json"
 
 .PHONY: cost
-cost: setup-python setup-host setup-arm ## cost of a prediction beside an earlier commit, rebuilt: instructions, time, flash, memory
+cost: setup-python setup-host setup-arm ## cost of a prediction beside an earlier commit, rebuilt, and how it grows with hand and networks
 	@$(PYTHON) -m aminn_export.judge.cost --json $(REPORTS)/cost.json
+	@PYTHONPATH=tests/runtime $(PYTHON) tests/export/growth.py --json $(REPORTS)/cost.json
 
 .PHONY: coverage
 coverage: $(STAMPS)/unity $(STAMPS)/apt-check ## lines and branches of runtime/src and runtime/host that the C tests reach

@@ -132,7 +132,12 @@ def _normalisers(x: dict[str, NDArray]) -> dict[str, NDArray]:
 
 
 def random_model(
-    hand: Hand, seed: int = 0, told: bool = False, slides: bool | None = None, sensing: bool = False
+    hand: Hand,
+    seed: int = 0,
+    told: bool = False,
+    slides: bool | None = None,
+    sensing: bool = False,
+    widths: tuple[int, int, int] = WIDTHS,
 ) -> Model:
     """Random weights on the hand's nominal mechanics; eps_m differs by branch and stage as the hand's does.
 
@@ -140,7 +145,7 @@ def random_model(
     """
     if slides is None:
         slides = SLIDES and hand.name == REFERENCE_HAND
-    rng, (hc, h, hd) = np.random.default_rng(seed), WIDTHS
+    rng, (hc, h, hd) = np.random.default_rng(seed), widths
     x = random_states(hand, 200, seed + 1)
     tensors = _nominal(hand)
     counts = {"tendons": hand.dims.tendons, "slides": slides, "sensing": sensing}
