@@ -9,7 +9,7 @@
 // rows and their sums, and one the branches:
 //
 //   vector registers        rows_vector.hpp, lanes_vector.hpp
-//   Cortex-M with an FPU    rows_cortex_m.hpp, lanes_scalar.hpp
+//   Cortex-M with an FPU    rows_cortex_m.hpp, slide_rows_cortex_m.hpp where contacts slide and are not three, lanes_scalar.hpp
 //   any other               rows_plain.hpp, lanes_scalar.hpp
 #ifndef AMINN_SRC_LANES_HPP
 #define AMINN_SRC_LANES_HPP

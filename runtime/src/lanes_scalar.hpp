@@ -2,7 +2,9 @@
 #ifndef AMINN_SRC_LANES_SCALAR_HPP
 #define AMINN_SRC_LANES_SCALAR_HPP
 
-#if AMINN_CORTEX_M
+#if AMINN_CORTEX_M && AMINN_N_SLIDE && AMINN_N_BRANCH != 3
+#include "slide_rows_cortex_m.hpp"
+#elif AMINN_CORTEX_M
 #include "rows_cortex_m.hpp"
 #else
 #include "rows_plain.hpp"
