@@ -149,7 +149,7 @@ def _module(model: BinModel, folder: Path, hand: Hand, work: Path) -> str:
     if header is None:
         header = work / HAND_HEADER
         joints = [c.joint for branch in hand.branches for c in branch.coordinates]
-        header.write_text(hand_header(hand.name, dims_of(model), joints))
+        write_atomically(header, hand_header(hand.name, dims_of(model), joints).encode())
     return _base64(build_wasm(work / "aminn.wasm", header).read_bytes())
 
 
