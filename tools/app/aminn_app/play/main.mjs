@@ -411,12 +411,12 @@ byId("told").addEventListener("change", () => {
 });
 for (const id of ["limit-mm", "limit-deg", "limit-p", "limit-margin", "surface"]) byId(id).addEventListener("change", updateSurface);
 for (const id of ["factor", "compliance", "contacts", "before"]) byId(id).addEventListener("change", update);
-new ResizeObserver(update).observe(byId("stage"));
 
 for (const [name, colour] of Object.entries(given.colours)) document.documentElement.style.setProperty(`--${name}`, colour);
 for (const each of given.hands) models.push(await Model.load(bytesOf(given.modules[each.module]), bytesOf(each.model.blob)));
 byId("hand").replaceChildren(...given.hands.map((each, i) => option(i, each.title)));
 byId("hand-choice").hidden = given.hands.length < 2;
 chooseHand(0);
+new ResizeObserver(update).observe(byId("stage")); // from now on there is something to show
 /** For tests, and for whoever looks at the page's console. */
 globalThis.aminnPlay = { models, at, shown: () => shown };
