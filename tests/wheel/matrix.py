@@ -124,7 +124,8 @@ def tour(version: str, python: str, sdist: Path, work: Path) -> dict[str, object
 
 @click.command()
 @click.option("--json", "report_file", type=click.Path(path_type=Path), required=True)
-def main(report_file: Path) -> None:
+@click.option("--python", "versions", multiple=True, type=click.Choice(PYTHONS), default=PYTHONS, help="These alone.")
+def main(report_file: Path, versions: tuple[str, ...]) -> None:
     """Write the figures of every Python that is here; fail where a step failed."""
     report: dict[str, object] = {"machine_built_for": "x86_64", "machine_described_only": "aarch64"}
     missed, shards = [], {}
@@ -132,7 +133,7 @@ def main(report_file: Path) -> None:
         (Path(folder) / "dist").mkdir()
         sdist, _ = build(Path(folder) / "dist", "AMINN_SIM=OFF")
         report["sdist_bytes"] = sdist.stat().st_size
-        for version in PYTHONS:
+        for version in versions:
             name = f"python_{version.replace('.', '_')}"
             python = find_python(version)
             if python is None:

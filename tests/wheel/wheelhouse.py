@@ -51,6 +51,7 @@ def borrowing(folder: Path) -> Path:
 
 def install(wheel: Path, python: Path) -> Path:
     """Install the wheel alone into an environment; the program `aminn` there."""
-    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", f"--python={python}"]
-    checked([*pip, "install", "--quiet", "--no-deps", wheel], wheel.parent)
+    own = (python.parent / "pip").exists()  # one that borrows has none
+    pip = [python, "-m", "pip"] if own else [sys.executable, "-m", "pip", f"--python={python}"]
+    checked([*pip, "--disable-pip-version-check", "install", "--quiet", "--no-deps", wheel], wheel.parent)
     return python.parent / "aminn"
