@@ -226,7 +226,7 @@ def _urdf_mesh(name: str, source: Path) -> Path:
         folders = [folder for above in source.resolve().parents for folder in (above, above / package)
                    if folder.name == package]  # fmt: skip
         try:
-            spec = importlib.util.find_spec(package)
+            spec = importlib.util.find_spec(package) if package.isidentifier() else None  # "a.b" would import a
         except (ImportError, ValueError):
             spec = None
         folders += [Path(p) for p in (spec.submodule_search_locations or ())] if spec else []

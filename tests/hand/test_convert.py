@@ -15,6 +15,7 @@ from click.testing import CliRunner
 
 from aminn_app.cli import main
 from aminn_base.errors import AminnError
+from aminn_hand.hand_file import HandFile, model_path
 from aminn_sim import _core
 from aminn_sim.convert import convert, convert_to
 from aminn_sim.mjcf_tree import text_of
@@ -333,6 +334,20 @@ def test_meshes_of_a_package_are_found_above_the_urdf(tmp_path: Path) -> None:
     corners = "".join(f"v {x} {y} {z}\n" for x, y, z in ((0, 0, 0), (0.01, 0, 0), (0, 0.01, 0), (0, 0, 0.01)))
     (tmp_path / "my_hand" / "meshes" / "tip.obj").write_text(corners + "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
     assert {r.what: r.converted for r in convert(folder / "hand.urdf").rows}["colliders"] == "2"
+
+
+def test_a_package_that_a_file_names_is_not_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of "a.b" the search would import a."""
+    package = tmp_path / "path" / "aminn_test_stranger"
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text("raise SystemExit('it ran')")
+    monkeypatch.syspath_prepend(str(package.parent))
+    mesh = COLLISION.format(shape='<mesh filename="package://aminn_test_stranger.inner/tip.obj"/>')
+    write_hand(tmp_path, urdf(tip=mesh), "hand.urdf")
+    with pytest.raises(AminnError, match=r"tip\.obj is not there"):
+        convert(tmp_path / "hand.urdf")
+    with pytest.raises(AminnError, match="no installed Python package"):
+        model_path(HandFile(name="x", model="package:aminn_test_stranger.inner/hand.xml"), tmp_path / "hand.toml")
 
 
 def test_impossible_inertia_of_a_urdf_is_said(tmp_path: Path) -> None:

@@ -148,7 +148,7 @@ def model_path(file: HandFile, path: Path | str) -> Path:
     if file.model.startswith("package:"):
         package, _, inside = file.model.removeprefix("package:").partition("/")
         try:
-            found = importlib.util.find_spec(package)
+            found = importlib.util.find_spec(package) if package.isidentifier() else None  # "a.b" would import a
         except (ImportError, ValueError):
             found = None
         if found is None or not found.submodule_search_locations:
