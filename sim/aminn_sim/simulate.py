@@ -16,7 +16,6 @@ import os
 import platform
 import re
 import shutil
-import sys
 import time
 from collections.abc import Mapping
 from contextlib import ExitStack, closing
@@ -25,11 +24,11 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-from tqdm import tqdm
 
 from aminn_base.errors import WriteError
 from aminn_base.files import refuse_inputs, write_atomically, write_json
 from aminn_base.lock import locked_folder, read_shared
+from aminn_base.progress import note, progress_bar
 from aminn_base.read import AnyPath
 from aminn_hand.hand import Hand
 from aminn_hand.theta import Theta
@@ -122,8 +121,8 @@ def simulate(
     run = find_engine(engine)
     opened = open_hand(hand)
     config, left_out = known_mechanics(config, opened.hand)
-    for note in (*opened.understood.notes, *left_out) if progress else ():
-        tqdm.write(f"note: {note}", file=sys.stderr)
+    for text in (*opened.understood.notes, *left_out) if progress else ():
+        note(f"note: {text}")
     simulator = opened.simulator()
     check_options(config, simulator)
     check_tools_fit(config, opened, simulator)
@@ -172,16 +171,7 @@ class _Work:
         ]
         total = config.grasps * config.cases
         done = total - sum(self.sizes[n] for n in self.todo) * config.cases
-        interval = 0.2 if sys.stderr.isatty() else 10.0  # seconds between two states of the bar; few lines in a log
-        with tqdm(
-            total=total,
-            initial=done,
-            unit="case",
-            desc="simulate",
-            disable=not progress,
-            smoothing=0.1,
-            mininterval=interval,
-        ) as bar:
+        with progress_bar("simulate", total, "case", initial=done, disable=not progress, smoothing=0.1) as bar:
             start, steps = time.monotonic(), 0
             with closing(engine(tasks, threads, lambda n: bar.update(done + n - bar.n))) as shards:
                 for task, result in shards:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -733,13 +732,11 @@ def check(file: Path, pinch: float, grasps: int, seed: int, picture: Path | None
     Prints each branch's joints, axes, springs, servos, tendons and couplings; refuses by name what the statics cannot
     hold; then moves a ball in light grasps and says how far theory and simulation are apart.
     """
-    from tqdm import tqdm
-
     from aminn_base.files import write_json
+    from aminn_base.progress import progress_bar
     from aminn_sim.hand_check import check as run
 
-    interval = 0.2 if sys.stderr.isatty() else 10.0
-    with tqdm(total=grasps, unit="grasp", desc="acceptance", delay=1.0, mininterval=interval, leave=False) as bar:
+    with progress_bar("acceptance", grasps, "grasp", delay=1.0, leave=False) as bar:
         done = run(file, pinch, grasps, seed, picture, lambda n: bar.update(n - bar.n), click.echo)
     if json_file:
         write_json(json_file, done.figures())

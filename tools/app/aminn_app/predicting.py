@@ -7,11 +7,11 @@ from pathlib import Path
 
 import click
 import numpy as np
-from tqdm import tqdm
 
 from aminn.prediction.predictor import Predictions, Predictor, Table
 from aminn_base.errors import AminnError
 from aminn_base.files import check_outputs
+from aminn_base.progress import note, progress_bar
 from aminn_table import read_map
 from aminn_table.files import format_of, from_json, raw_of
 from aminn_table.write import json_lines
@@ -40,8 +40,7 @@ def run_prediction(
         format_of(out)
     predictor = Predictor(model, engine)
     by = read_map(map_file) if map_file else None
-    interval = 0.2 if sys.stderr.isatty() else 10.0
-    with tqdm(unit="row", desc="predicting", delay=1.0, mininterval=interval, leave=False) as bar:
+    with progress_bar("predicting", None, "row", delay=1.0, leave=False) as bar:
         found = predictor.predict(
             given, calibration=calibration, by=by, threads=threads, progress=lambda n: bar.update(n - bar.n)
         )
@@ -68,7 +67,7 @@ def _table(table: str) -> Table:
 
 def _tell(found: Predictions) -> None:
     for line in found.given.fallbacks:
-        click.echo(line, err=True)
+        note(line)
     complaints = found.complaints()
     for line in complaints[:SHOWN]:
         click.echo(line, err=True)

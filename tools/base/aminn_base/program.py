@@ -16,9 +16,11 @@ from typing import Any
 import click
 
 from .errors import AminnError
+from .progress import be_quiet
 
 DEBUG = "AMINN_DEBUG"
 """Environment variable: where it is set, an unexpected error shows its traceback."""
+HELP = {"help_option_names": ["-h", "--help"]}
 UNEXPECTED, INTERRUPTED, TERMINATED = 70, 128 + signal.SIGINT, 128 + signal.SIGTERM
 
 
@@ -35,7 +37,7 @@ class Ended(click.ClickException):
 
 
 class Messages(click.Command):
-    """A command whose errors are one line.
+    """A command whose errors are one line, with -h and --quiet.
 
     Exit code 1: bad input or an impossible request; 2: wrong options; 70: a fault of the program; 130 and 143: Ctrl-C
     and SIGTERM.
@@ -43,6 +45,12 @@ class Messages(click.Command):
 
     failed = 1
     """Exit code where the command cannot do its work."""
+
+    def __init__(self, *args: Any, **settings: Any) -> None:
+        super().__init__(*args, **settings)
+        self.context_settings = {**HELP, **self.context_settings}
+        if not isinstance(self, click.Group):
+            self.params.append(_quiet_option())
 
     def main(self, *args: Any, standalone_mode: bool = True, **extra: Any) -> Any:
         if standalone_mode:
@@ -81,6 +89,16 @@ class Judges(Messages):
 
 class Commands(Messages, click.Group):
     """A group whose commands do so."""
+
+
+def _quiet_option() -> click.Option:
+    return click.Option(
+        ["-q", "--quiet"],
+        is_flag=True,
+        expose_value=False,
+        callback=lambda ctx, param, wanted: be_quiet(wanted),
+        help="Say results and errors alone: no progress, no notes.",
+    )
 
 
 def prepare() -> None:

@@ -8,7 +8,6 @@ last finished epoch and ends in the same bytes.
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -17,10 +16,10 @@ from pathlib import Path
 import numpy as np
 import torch
 from torch import Tensor, nn
-from tqdm import tqdm
 
 from aminn_base.errors import AminnError, OutdatedError, WriteError
 from aminn_base.lock import locked_folder
+from aminn_base.progress import progress_bar
 from aminn_base.read import AnyPath
 from aminn_hand import Hand
 from aminn_hand.hand import N_WRENCH
@@ -317,12 +316,6 @@ class _Loop:
         )
 
 
-def _progress_bar(title: str, done: int, epochs: int, position: int) -> tqdm:
-    live = sys.stderr.isatty()  # a log gets few lines, and no cursor moves
-    settings = {"mininterval": 0.5, "position": position} if live else {"mininterval": 10.0, "position": 0}
-    return tqdm(range(done, epochs), initial=done, total=epochs, desc=title, unit="epoch", **settings)
-
-
 class _Board:
     """TensorBoard curves of a run, or nothing."""
 
@@ -499,7 +492,8 @@ def _optimise(
                 loop.restore(resumed)
             done = progress["epoch"]
         progress["history"][loop.stage.name] = loop.history
-        bar = _progress_bar(f"{config.kind} {loop.stage.name}", done, config.epochs, bar_position)
+        title, epochs = f"{config.kind} {loop.stage.name}", range(done, config.epochs)
+        bar = progress_bar(title, config.epochs, "epoch", iterable=epochs, initial=done, position=bar_position)
         for epoch in bar:
             try:
                 loop.epoch()
