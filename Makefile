@@ -86,7 +86,8 @@ lint-types: $(STAMPS)/venv
 .PHONY: dataset
 dataset: setup-python ## simulated grasps and loads, in build/dataset (GRASPS=, CASES= a grasp, SEED=, THREADS=)
 	@$(VENV)/bin/aminn simulate --out $(BUILD)/dataset --grasps $(GRASPS) --cases $(CASES) --seed $(SEED) \
-	  --threads $(THREADS) --json $(REPORTS)/dataset.json --card
+	  --threads $(THREADS) --json $(REPORTS)/dataset.json
+	@$(VENV)/bin/aminn card --data $(BUILD)/dataset
 	@echo "Dataset: $(BUILD)/dataset/manifest.json, data card: $(BUILD)/dataset/card.html"
 
 .PHONY: paper ablation frontier
@@ -213,7 +214,7 @@ load: setup-python ## largest admissible loads of 1000 grasps, simulated, beside
 .PHONY: gallery
 gallery: setup-python setup-view ## pictures of grasps before and after their load, from build/dataset (PICTURES=16)
 	@[ -f $(BUILD)/dataset/manifest.json ] || $(MAKE) --no-print-directory dataset
-	@$(VENV)/bin/aminn simulate --out $(BUILD)/dataset --gallery $(PICTURES)
+	@$(VENV)/bin/aminn gallery --data $(BUILD)/dataset --count $(PICTURES)
 
 .PHONY: play
 play: setup-python setup-host $(STAMPS)/apt-wasm $(STAMPS)/browser ## a page to play with, of the reference model and of make hands' models; tried in Chromium

@@ -102,16 +102,17 @@ def test_small_loads_follow_the_statics(made: Made, trust: dict) -> None:
 
 
 def test_commands_take_any_hand(tmp_path: Path) -> None:
-    """simulate, its card and its gallery for a hand that is not built in; and the refusal of another hand's data."""
-    hand, out = models_folder() / "hands" / "allegro_like.toml", tmp_path / "data"
-    command = ["simulate", "--hand", str(hand), "--grasps", "2", "--cases", "2", "--out", str(out), "--card"]
-    result = CliRunner().invoke(main, command)
-    assert result.exit_code == 0, result.output
-    assert (out / "card.html").is_file()
+    """simulate, card and gallery for a hand that is not built in."""
+    hand, out = str(models_folder() / "hands" / "allegro_like.toml"), tmp_path / "data"
+    commands = [["simulate", "--hand", hand, "--grasps", "2", "--cases", "2", "--out"], ["card", "--data"]]
+    pages = ["manifest.json", "card.html"]
     if find_spec("mujoco"):
-        result = CliRunner().invoke(main, ["simulate", "--hand", str(hand), "--out", str(out), "--gallery", "1"])
+        commands.append(["gallery", "--hand", hand, "--count", "1", "--data"])
+        pages.append("gallery/index.html")
+    for command, page in zip(commands, pages, strict=True):
+        result = CliRunner().invoke(main, [*command, str(out)])
         assert result.exit_code == 0, result.output
-        assert (out / "gallery" / "index.html").is_file()
+        assert (out / page).is_file()
 
 
 def test_a_tool_of_another_hand_does_not_matter(tmp_path: Path) -> None:

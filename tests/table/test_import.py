@@ -322,7 +322,7 @@ def test_export_takes_measured_data(own: Path, own_run: Path, tmp_path: Path) ->
 def test_what_only_a_simulator_knows_is_refused_by_name(own: Path, own_run: Path) -> None:
     data = load_dataset(own)
     assert data.taut() is None
-    done = aminn("simulate", "--out", own, "--card", code=1)
+    done = aminn("card", "--data", own, code=1)
     assert "it was measured, and this is for simulated data" in done.stderr
     with pytest.raises(AminnError, match="tool_family is known of simulated data alone"):
         regimes(data)

@@ -41,8 +41,9 @@ assert runtime_for(other).dims == other
 WITHOUT_TORCH: dict[str, list[str]] = {
     "imports": ["python", "-c", GATED],
     "version": ["aminn", "--version"],
-    "simulate": ["aminn", "simulate", "--out", "data", *SIMULATED, "--card"],
-    "gallery": ["aminn", "simulate", "--out", "data", "--gallery", "2"],
+    "simulate": ["aminn", "simulate", "--out", "data", *SIMULATED],
+    "card": ["aminn", "card", "--data", "data"],
+    "gallery": ["aminn", "gallery", "--data", "data", "--count", "2"],
     "hand_columns": ["aminn", "hand", "columns", "data", "--out", "pushes.csv"],
     "runtime_of_another_hand": ["python", "-c", RUNTIME],
 }

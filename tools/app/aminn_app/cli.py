@@ -152,11 +152,7 @@ def main() -> None:
     default=None,
     help='Simulate this hand: JSON with {"theta": {NAME: VALUE}}, as aminn calibrate writes it. --vary is about it.',
 )
-@click.option("--gallery", type=click.IntRange(1), default=None, help="Then draw so many grasps, in DIR/gallery.")
-@click.option("--card", is_flag=True, help="Then write the data card, DIR/card.html.")
-@click.pass_context
 def simulate(
-    context: click.Context,
     out: Path,
     grasps: int,
     cases: int,
@@ -170,35 +166,39 @@ def simulate(
     changes: tuple[str, ...],
     variations: tuple[str, ...],
     mechanics: Path | None,
-    gallery: int | None,
-    card: bool,
 ) -> None:
-    """Simulate grasps under load and write a labelled data set; or, with --gallery or --card, look at a finished one.
+    """Simulate grasps under load and write a labelled data set.
 
-    With --gallery or --card a finished data set is taken as it is, unless an option says what is to be simulated.
+    `aminn card` and `aminn gallery` then show what it holds.
     """
-    from .simulation import (
-        read_mechanics,
-        run_card,
-        run_gallery,
-        run_simulation,
-        simulation_settings,
-        variation_settings,
-    )
+    from .simulation import read_mechanics, run_simulation, simulation_settings, variation_settings
 
-    decisive = ("grasps", "cases", "seed", "shard_grasps", "families", "changes", "variations", "mechanics")
-    asked = any(context.get_parameter_source(name) is not click.core.ParameterSource.DEFAULT for name in decisive)
-    if asked or not (gallery or card) or not (out / "manifest.json").exists():
-        settings: dict[str, object] = {"shard_grasps": shard_grasps, "families": families or None}
-        given = {name: value for name, value in settings.items() if value is not None}
-        given |= simulation_settings(changes) | variation_settings(variations)
-        given |= {"mechanics": read_mechanics(mechanics, hand)} if mechanics else {}
-        manifest = run_simulation(out, grasps, cases, seed, threads, engine, hand, json_file, **given)
-        click.echo(f"{manifest['n_samples']} load cases of {manifest['n_grasps']} grasps in {out}")
-    if gallery:
-        click.echo(f"pictures: {run_gallery(out, gallery, hand)}")
-    if card:
-        click.echo(f"data card: {run_card(out)}")
+    settings: dict[str, object] = {"shard_grasps": shard_grasps, "families": families or None}
+    given = {name: value for name, value in settings.items() if value is not None}
+    given |= simulation_settings(changes) | variation_settings(variations)
+    given |= {"mechanics": read_mechanics(mechanics, hand)} if mechanics else {}
+    manifest = run_simulation(out, grasps, cases, seed, threads, engine, hand, json_file, **given)
+    click.echo(f"{manifest['n_samples']} load cases of {manifest['n_grasps']} grasps in {out}")
+
+
+@main.command()
+@click.option("--data", type=DATA, required=True, help="Finished data set that `aminn simulate` wrote.")
+def card(data: Path) -> None:
+    """Write the data card of a simulated data set, DATA/card.html: what it holds and how good its labels are."""
+    from aminn_sim.card import data_card
+
+    click.echo(f"data card: {data_card(data)}")
+
+
+@main.command()
+@click.option("--data", type=DATA, required=True, help="Finished data set that `aminn simulate` wrote.")
+@click.option("--count", type=click.IntRange(1), default=16, show_default=True, help="Number of grasps.")
+@click.option("--hand", type=click.Path(path_type=Path), default=None, help="Its hand file (TOML)  [default: built in]")
+def gallery(data: Path, count: int, hand: Path | None) -> None:
+    """Draw grasps of a simulated data set before and after their load, DATA/gallery/index.html."""
+    from aminn_sim.gallery import gallery as draw
+
+    click.echo(f"pictures: {draw(data, count, hand)}")
 
 
 @main.command("import")

@@ -113,17 +113,3 @@ def run_simulation(
 
     config = SimulationConfig(grasps=grasps, cases=cases, seed=seed, **settings)
     return simulate(config, out, threads=threads or 0, engine=engine, hand=hand, report=json_file)
-
-
-def run_gallery(data: Path, count: int, hand: Path | None = None) -> Path:
-    """Draw `count` grasps of the data set in folder `data`; returns the page that shows them."""
-    from aminn_sim.gallery import gallery
-
-    return gallery(data, count, hand)
-
-
-def run_card(data: Path) -> Path:
-    """Write the data card of the data set in folder `data`; returns the page."""
-    from aminn_sim.card import data_card
-
-    return data_card(data)
