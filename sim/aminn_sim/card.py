@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-import base64
-import io
 import textwrap
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
 from itertools import combinations
 from pathlib import Path
+from typing import Any, Literal
 
-import jinja2
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from aminn_base.files import write_atomically
+from aminn_base.page import PANEL_IN, Picture, picture, write_page
 from aminn_base.read import AnyPath, read_json
+from aminn_hand.drawing import BRANCH_COLOURS, branch_key
+from aminn_hand.hand import Hand
 from aminn_hand.theta import Theta
 
 from .build import in_words
@@ -26,8 +30,21 @@ from .schema import Field, groups_of
 Mask = NDArray[np.bool_]
 BLUE = "#2563a8"
 BINS = 40
+LABEL = {"facecolor": "white", "alpha": 0.7, "edgecolor": "none", "pad": 1.0}
 WIDE = 18.0  # 99th percentile over median from which sizes get a logarithmic axis
+SMALL_IN = (1.75, 1.5)  # a panel among many
 SPLITS = {6: (3,), 8: (1, 4, 7), 11: (1, 4, 7)}  # where the unit changes along a last axis of this length
+PARTS = {
+    "m, rad": ("translation", "rotation"),
+    "N, N.m": ("force", "moment"),
+    "1, m": ("of translation", "of rotation"),
+    "1, m, 1, N": ("there", "position", "normal", "force"),
+    "1, m, m, 1": ("shape", "size", "position", "quaternion"),
+}
+"""What the parts of a field are called, by its units."""
+OF_BRANCHES, OF_JOINTS = ("contacts", "j_x", "j_q", "lost_time_s"), ("q", "q_after")
+OF_TENDONS = ("tendon_tension_N", "tendon_tension_after_N")
+STYLES = ("-", "--", ":")  # of x, y, z
 SPHERE_CELLS = (12, 6)  # of equal area: around z, along z
 
 
@@ -46,24 +63,42 @@ def data_card(folder: AnyPath, report: AnyPath | None = None) -> Path:
     if report.is_file():
         sections.append(_report(read_json(report, "a report of `make sim`")))
     page = folder / "card.html"
-    write_atomically(page, _TEMPLATE.render(summary=_summary(data), sections=sections).encode())
+    written = datetime.fromtimestamp((folder / "manifest.json").stat().st_mtime, UTC)
+    summary = [*_summary(data), ("Folder", f"{folder}, written on {written:%Y-%m-%d}")]
+    template = Path(__file__).with_name("card.html.j2")
+    write_page(template, page, conclusion=_conclusion(data), summary=summary, sections=sections)
     return page
 
 
-def _picture(figure: Figure) -> str:
-    """The figure as a data URI."""
-    out = io.BytesIO()
-    figure.savefig(out, format="png", dpi=110, metadata={"Software": None})
-    return "data:image/png;base64," + base64.b64encode(out.getvalue()).decode()
+@dataclass(frozen=True)
+class Section:
+    """A part of the card."""
+
+    picture: Picture
+    tables: Sequence[dict] = ()
+
+    @property
+    def title(self) -> str:
+        return self.picture.title
 
 
-def _section(title: str, text: str, figure: Figure | None = None, tables: list[dict] | None = None) -> dict:
-    return {
-        "title": title,
-        "text": text,
-        "picture": _picture(figure) if figure else None,
-        "tables": tables or [],
-    }
+def _section(
+    title: str, text: str, figures: Sequence[Figure] = (), tables: Sequence[dict] = (), **more: Any
+) -> Section:
+    return Section(picture(title, text, figures, **more), tables)
+
+
+def _panel() -> tuple[Figure, Axes]:
+    figure = Figure(PANEL_IN, layout="constrained")
+    return figure, figure.subplots()
+
+
+def _small() -> tuple[Figure, Axes]:
+    figure = Figure(SMALL_IN)
+    figure.subplots_adjust(0.05, 0.29, 0.95, 0.86)
+    axes = figure.subplots()
+    axes.set_yticks([])
+    return figure, axes
 
 
 def _table(head: list[str], rows: list[list]) -> dict:
@@ -106,6 +141,19 @@ def _summary(data: SimulatedData) -> list[tuple[str, str]]:
     ]
 
 
+def _conclusion(data: SimulatedData) -> str:
+    """What the card says, in a sentence."""
+    noise = noise_figures(data)
+    text = (
+        f"{_cell(data.manifest['n_samples'])} load cases of {_cell(data.manifest['n_grasps'])} grasps, "
+        f"{_percent(float(data.samples['stable'].mean()))} of them stable"
+    )
+    median = noise.get("noise_half_step_relative_median")
+    if median is not None and np.isfinite(median):
+        text += f"; simulated again at half the time step, displacements change by {_percent(median)} (median)"
+    return f"{text}."
+
+
 def _bars(axes: Axes, names: list[str], counts: list[float], colour: str) -> None:
     axes.barh(range(len(names)), counts, color=colour, height=0.7)
     axes.set_yticks(range(len(names)), [name.replace("_", " ") for name in names])
@@ -115,13 +163,12 @@ def _bars(axes: Axes, names: list[str], counts: list[float], colour: str) -> Non
     axes.margins(x=0.15)
 
 
-def _yield(data: SimulatedData) -> dict:
+def _yield(data: SimulatedData) -> Section:
     """Why attempts at a grasp were thrown away, and why loads were not held."""
     m = data.manifest
     rejections = dict(sorted(m.get("rejections", {}).items(), key=lambda item: -item[1]))
     attempts = m["n_grasps"] + sum(rejections.values())
-    figure = Figure((10, 2.8), layout="constrained")
-    left, right = figure.subplots(1, 2)
+    (tries, left), (labels, right) = _panel(), _panel()
     _bars(left, ["accepted", *rejections], [m["n_grasps"], *rejections.values()], BLUE)
     _plain(left, f"Attempts at a grasp: {_percent(m['n_grasps'] / attempts)} accepted", "attempts")
     counts = np.bincount(data.samples["reason"], minlength=len(m["reasons"]))
@@ -130,7 +177,7 @@ def _yield(data: SimulatedData) -> dict:
     text = (
         "An attempt is a posture, a tool and a wrist drawn together; most that fail do so before anything is simulated."
     )
-    return _section("Yield", text, figure)
+    return _section("Yield", text, [tries, labels])
 
 
 def _kinds(w_e: Array) -> dict[str, Mask]:
@@ -154,12 +201,13 @@ def _share_by_size(axes: Axes, size: Array, stable: Mask, kinds: dict[str, Mask]
     axes.set_ylim(0, 1.03)
     axes.grid(alpha=0.25)
     axes.legend(fontsize=7, frameon=False)
-    _plain(axes, "Stable share by size of the load", unit, "stable share")
+    _plain(axes, f"Stable share by size of the {unit.split(',')[0]}", unit, "stable share")
 
 
-def _sphere(figure: Figure, place: int, directions: Array, stable: Array, title: str) -> None:
+def _sphere(directions: Array, stable: Array, title: str) -> Figure:
     """Stable share over the sphere of directions, in cells of equal area (Mollweide projection; H, z up)."""
-    axes = figure.add_subplot(2, 2, place, projection="mollweide")
+    figure = Figure(PANEL_IN, layout="constrained")
+    axes = figure.add_subplot(projection="mollweide")
     around, along = SPHERE_CELLS
     angle = np.arctan2(directions[:, 1], directions[:, 0])
     column = np.clip(((angle + np.pi) / (2 * np.pi) * around).astype(int), 0, around - 1)
@@ -171,27 +219,28 @@ def _sphere(figure: Figure, place: int, directions: Array, stable: Array, title:
     longitude, latitude = np.linspace(-np.pi, np.pi, around + 1), np.arcsin(np.linspace(-1, 1, along + 1))
     mesh = axes.pcolormesh(longitude, latitude, share, cmap="RdYlBu", vmin=0, vmax=1)
     for name, x, y in (("+x", 0, 0), ("+y", np.pi / 2, 0), ("−y", -np.pi / 2, 0), ("+z", 0, 1.45), ("−z", 0, -1.45)):
-        axes.text(x, y, name, fontsize=8, ha="center", va="center")
+        axes.text(x, y, name, fontsize=8, ha="center", va="center", bbox=LABEL)
     axes.set_xticklabels([])
     axes.set_yticklabels([])
     axes.grid(alpha=0.15)
     axes.set_title(title, fontsize=9, loc="left")
     figure.colorbar(mesh, ax=axes, shrink=0.7).ax.tick_params(labelsize=7)
+    return figure
 
 
-def _loads(data: SimulatedData) -> dict:
+def _loads(data: SimulatedData) -> Section:
     """Stable share by size and direction of force and moment."""
     w, stable = data.samples["w_e"], data.samples["stable"] == 1
     kinds = _kinds(w)
-    figure = Figure((10, 6), layout="constrained")
-    rows = []
-    for k, (name, part, unit) in enumerate((("force", slice(0, 3), "N"), ("moment", slice(3, 6), "N·m"))):
+    figures, rows = [], []
+    for name, part, unit in (("force", slice(0, 3), "N"), ("moment", slice(3, 6), "N·m")):
         size = np.linalg.norm(w[:, part], axis=1)
         mine = {kind: used for kind, used in kinds.items() if kind in (f"{name} only", "both")}
-        _share_by_size(figure.add_subplot(2, 2, 2 * k + 1), size, stable, mine, f"{name}, {unit}")
+        figure, axes = _panel()
+        _share_by_size(axes, size, stable, mine, f"{name}, {unit}")
         pure = kinds[f"{name} only"]
         title = f"Stable share by direction, {name} only ({_cell(pure.sum())} cases)"
-        _sphere(figure, 2 * k + 2, w[pure, part] / size[pure, None], stable[pure], title)
+        figures += [figure, _sphere(w[pure, part] / size[pure, None], stable[pure], title)]
         if pure.any():
             low, middle, high = np.percentile(size[pure], (0, 50, 100))
             rows.append([f"{name} only", int(pure.sum()), low, middle, high, unit, _percent(stable[pure].mean())])
@@ -200,25 +249,53 @@ def _loads(data: SimulatedData) -> dict:
         rows.append(["both", int(both.sum()), "", "", "", "", _percent(float(stable[both].mean()))])
     text = "Directions are those of the palm frame H."
     table = _table(["load", "cases", "least", "median", "greatest", "", "stable"], rows)
-    return _section("Stable share by load", text, figure, [table])
+    return _section("Stable share by load", text, figures, [table])
 
 
-def _histogram(axes: Axes, values: Array) -> str:
+@dataclass(frozen=True)
+class Line:
+    """Values of one part of a field, and how they are drawn; alone they are filled."""
+
+    values: Array
+    colour: str = BLUE
+    style: str = "-"
+
+
+def _histogram(axes: Axes, lines: Sequence[Line]) -> str:
     """Draw; returns a note on what the axis does not show. Values that span decades are drawn by their size."""
-    values = values[np.isfinite(values)].astype(float).ravel()
+    parts = [line.values[np.isfinite(line.values)].astype(float).ravel() for line in lines]
+    values = np.concatenate(parts)
     size = np.abs(values[values != 0])
-    if len(size) == 0 or np.percentile(size, 99) < WIDE * np.median(size) or size.min() == size.max():
-        axes.hist(values, BINS, color=BLUE)
-        axes.locator_params(axis="x", nbins=4)
+    logarithmic = len(size) > 0 and size.min() < size.max() and np.percentile(size, 99) >= WIDE * np.median(size)
+    if logarithmic:
+        axes.set_xscale("log")
+        edges = np.geomspace(size.min(), size.max(), BINS)
+        parts = [np.abs(part[part != 0]) for part in parts]
+    else:
+        edges = np.histogram_bin_edges(values, BINS)
+        axes.locator_params(axis="x", nbins=3)
+    for part, line in zip(parts, lines, strict=True):
+        kind: Literal["bar", "step"] = "step" if len(lines) > 1 else "bar"
+        axes.hist(part, edges.tolist(), histtype=kind, color=line.colour, linestyle=line.style)
+    if not logarithmic:
         return ""
-    axes.set_xscale("log")
-    axes.hist(size, np.geomspace(size.min(), size.max(), BINS).tolist(), color=BLUE)
     notes = ["size"] if values.min() < 0 else []
     notes += [f"{_percent(1 - len(size) / len(values))} are 0"] if len(size) < len(values) else []
     return ", ".join(notes)
 
 
-def _quality(data: SimulatedData) -> dict:
+def _plain_small(axes: Axes, title: str, x: str) -> None:
+    """Labels of a small panel; long ones are broken."""
+    _plain(axes, textwrap.fill(title, 24), textwrap.fill(x, 26))
+    axes.title.set_fontsize(6.5)
+    axes.xaxis.label.set_fontsize(6.5)
+    axes.tick_params(labelsize=6)
+    axes.minorticks_off()
+    axes.xaxis.get_offset_text().set_fontsize(5)
+    axes.set_yticks([])
+
+
+def _quality(data: SimulatedData) -> Section:
     """How far the stable labels can be trusted."""
     s, stable = data.samples, data.samples["stable"] == 1
     shown = {
@@ -229,11 +306,12 @@ def _quality(data: SimulatedData) -> dict:
         "hold_time_s": ("time at full load, s", 1.0),
         "solver_residual": ("solver residual", 1.0),
     }
-    figure, rows = Figure((10, 4.4), layout="constrained"), []
-    for axes, (name, (title, factor)) in zip(figure.subplots(2, 3).ravel(), shown.items(), strict=True):
+    figures, rows = [], []
+    for name, (title, factor) in shown.items():
         values = factor * s[name][stable]
-        note = _histogram(axes, values)
-        _plain(axes, title, note, "cases")
+        figure, axes = _small()
+        figures.append(figure)
+        _plain_small(axes, title, _histogram(axes, [Line(values)]))
         if len(values):
             rows.append([title, *(float(np.percentile(values, p)) for p in (50, 90, 99)), float(values.max())])
     noise, lines = noise_figures(data), []
@@ -248,37 +326,37 @@ def _quality(data: SimulatedData) -> dict:
         tables.append(_table(head, lines))
     again = _cell(int(noise.get("noise_cases", 0)))
     text = f"Stable cases alone. The noise floor comes from {again} cases simulated again."
-    return _section("Quality of the labels", text, figure, tables)
+    return _section("Quality of the labels", text, figures, tables, small=True)
 
 
-def _coverage(data: SimulatedData) -> dict:
+def _coverage(data: SimulatedData) -> Section:
     """The sampled synergy space, pair by pair."""
     synergy = data.hand.synergy
     assert synergy is not None
     psi, names, ranges = data.grasps["psi"], synergy.axes, synergy.ranges
     pairs = list(combinations(range(len(names)), 2)) or [(0, 0)]
-    figure = Figure((10, 3.2), layout="constrained")
-    families = data.manifest["tool_families"]
-    for axes, (i, j) in zip(figure.subplots(1, len(pairs), squeeze=False)[0], pairs, strict=True):
-        for index, family in enumerate(families):
+    families, figures = data.manifest["tool_families"], []
+    colours = [f"C{index}" for index in range(len(families))]
+    for i, j in pairs:
+        figure, axes = _panel()
+        figures.append(figure)
+        for index, colour in enumerate(colours):
             mine = data.grasps["tool_family"] == index
-            if mine.any():
-                axes.scatter(
-                    psi[mine, i], psi[mine, j], s=max(1.5, 200 / np.sqrt(len(psi))), alpha=0.6, label=family, lw=0
-                )
-        axes.set_aspect("equal")
-        axes.set_xlim(ranges[i])
-        axes.set_ylim(ranges[j])
+            size = max(1.5, 200 / np.sqrt(len(psi)))
+            axes.scatter(psi[mine, i], psi[mine, j], s=size, alpha=0.6, color=colour, lw=0)
+        axes.set_xlim(*ranges[i])
+        axes.set_ylim(*ranges[j])
+        axes.locator_params(nbins=5)
         _plain(axes, "", names[i], names[j])
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=8, frameon=False)
     text = (
         "Each point is an accepted grasp. The space is sampled evenly; what is missing was rejected, as in Yield: "
         "a family fits only where the fingertips are as far apart as its tools are thick."
     )
-    return _section("Coverage of the synergy space", text, figure)
+    key = [(family, to_hex(colour)) for family, colour in zip(families, colours, strict=True)]
+    return _section("Coverage of the synergy space", text, figures, key=key)
 
 
-def _families(data: SimulatedData) -> dict:
+def _families(data: SimulatedData) -> Section:
     """Each tool family in a row."""
     family, stable = data.of_grasp("tool_family"), data.samples["stable"] == 1
     dx, rows = data.samples["dx_ht"], []
@@ -306,25 +384,22 @@ def _families(data: SimulatedData) -> dict:
     head = ["tool", "grasps", "cases", "stable", "moved, mm", "turned, °"]
     head += ["half thickness, mm", "mass, g", "friction", "penetration, µm"]
     text = "Medians are those of the stable cases."
-    return _section("Tool families", text, None, [_table(head, rows)])
+    return _section("Tool families", text, tables=[_table(head, rows)])
 
 
-def _mechanics(data: SimulatedData) -> dict:
+def _mechanics(data: SimulatedData) -> Section:
     """By how much the hands differ from their description."""
     theta, config = Theta(data.hand), data.manifest["config"]
     _, first = np.unique(data.grasps["hand_id"], return_index=True)
-    drawn, columns = data.grasps["theta"][first], 5
-    rows = -(-theta.factors // columns)
-    figure = Figure((10, 1.5 * rows), layout="constrained")
-    grid, table = figure.subplots(rows, columns, squeeze=False).ravel(), []
-    for axes, p, values in zip(grid, theta.parameters[: theta.factors], drawn.T, strict=False):
+    drawn = data.grasps["theta"][first]
+    figures, table = [], []
+    for p, values in zip(theta.parameters[: theta.factors], drawn.T, strict=False):
+        figure, axes = _small()
+        figures.append(figure)
         axes.hist(values, max(5, min(BINS, len(values) // 20)), color=BLUE)
-        _plain(axes, textwrap.fill(p.name.replace("_", " "), 24))
-        axes.title.set_fontsize(7)
+        _plain_small(axes, p.name.replace("_", " "), "")
         factors = np.exp([values.min(), np.median(values), values.max()])
         table.append([p.name, ", ".join(p.parts), config["mechanics"].get(p.name, 0.0), *factors.tolist()])
-    for axes in grid[theta.factors :]:
-        axes.set_visible(False)
     text = (
         f"Stiffnesses and contact compliances of {_cell(len(first))} hands are those described, times exp(u). Each "
         f"hand and parameter has its own u, uniform within {config['vary_mechanics']:g} on either side of the middle; "
@@ -332,68 +407,73 @@ def _mechanics(data: SimulatedData) -> dict:
         "tips' radius are as described (0 in grasps/theta)."
     )
     head = ["parameter", "acts on", "middle", "least factor", "median", "greatest"]
-    return _section("Mechanics", text, figure, [_table(head, table)])
+    return _section("Mechanics", text, figures, [_table(head, table)], small=True)
 
 
-def _counts(axes: Axes, values: Array, names: list[str] | None) -> str:
+def _counts(axes: Axes, values: Array, names: list[str] | None) -> None:
     """Bars of a flag or of an index into `names`."""
     every = range(len(names) if names else 2)
     axes.bar(every, [int((values == k).sum()) for k in every], color=BLUE)
-    labels = [name.replace("_", " ") for name in names] if names else ["no", "yes"]
-    axes.set_xticks(every, labels, rotation=30 if names else 0, ha="right" if names else "center")
-    return ""
+    labels = names or ["no", "yes"]
+    axes.set_xticks(every, [str(k) for k in every] if names else labels)
 
 
 def _parts(name: str, field: Field, values: Array) -> list[tuple[str, str, Array]]:
     """Title, unit and values of what belongs into one picture: a field, or its parts of one unit each."""
     units, width = field.unit.split(", "), field.shape[-1] if field.shape else 0
-    if len(units) == 1 or width not in SPLITS:
+    if field.unit not in PARTS or width not in SPLITS:
         return [(name, field.unit, values)]
     bounds = [0, *SPLITS[width], width]
     return [
-        (f"{name} {first + 1} to {last}" if last > first + 1 else f"{name} {last}", unit, values[..., first:last])
-        for first, last, unit in zip(bounds[:-1], bounds[1:], units, strict=True)
+        (f"{name}, {part}", unit, values[..., first:last])
+        for part, first, last, unit in zip(PARTS[field.unit], bounds[:-1], bounds[1:], units, strict=True)
     ]
 
 
-def _variables(data: SimulatedData) -> dict:
-    """A histogram of every field of the schema; components of one field and unit in one picture."""
+def _lines(hand: Hand, name: str, frame: str, values: Array) -> Iterator[Line]:
+    """The values of a field or of a part of it: a line a branch in its colour, a line an axis, or all in one."""
+    name = name.rpartition("/")[2]
+    if name in OF_BRANCHES:
+        yield from (Line(values[:, b], BRANCH_COLOURS[b]) for b in range(len(hand.branches)))
+    elif name in OF_JOINTS:
+        yield from (Line(values[:, at], BRANCH_COLOURS[b]) for b, at in enumerate(hand.branch_joints))
+    elif name in OF_TENDONS:
+        ends = np.cumsum([len(branch.tendons) for branch in hand.branches])
+        parts = np.split(values, ends[:-1], axis=1)
+        yield from (Line(part, BRANCH_COLOURS[b]) for b, part in enumerate(parts) if part.size)
+    elif frame and values.ndim == 2 and values.shape[1] == len(STYLES):
+        yield from (Line(column, "#333333", style) for column, style in zip(values.T, STYLES, strict=True))
+    else:
+        yield Line(values)
+
+
+def _variables(data: SimulatedData) -> Section:
+    """A histogram of every field of the schema."""
     arrays = {"samples": data.samples, "grasps": data.grasps, "noise": data.noise}
-    names, columns = {"reason": data.manifest["reasons"], "tool_family": data.manifest["tool_families"]}, 5
-    shown = [
-        (name, field, *part)
-        for group, fields in groups_of(data.hand).items()
-        for name, field in fields.items()
-        if len(arrays[group].get(name, ()))
-        for part in _parts(name if group == "samples" else f"{group}/{name}", field, arrays[group][name])
-    ]
-    rows = -(-len(shown) // columns)
-    figure = Figure((10, 1.45 * rows))
-    figure.subplots_adjust(0.02, 0.5 / (1.45 * rows), 0.99, 1 - 0.3 / (1.45 * rows), 0.12, 0.75)
-    grid = figure.subplots(rows, columns).ravel()
-    for axes, (name, field, title, unit, values) in zip(grid, shown, strict=False):
-        note = _counts(axes, values, names.get(name)) if field.dtype in ("u1", "i1") else _histogram(axes, values)
-        _plain(axes, title, ", ".join(filter(None, (unit.replace("1", ""), note))))
-        axes.title.set_fontsize(7)
-        axes.tick_params(labelsize=5)
-        axes.xaxis.label.set_fontsize(6)
-        axes.xaxis.get_offset_text().set_fontsize(5)
-        axes.set_yticks([])
-    for axes in grid[len(shown) :]:
-        axes.set_visible(False)
+    names = {"reason": data.manifest["reasons"], "tool_family": data.manifest["tool_families"]}
+    figures = []
+    for group, fields in groups_of(data.hand).items():
+        for name, field in fields.items():
+            if not arrays[group].get(name, np.empty(0)).size:
+                continue
+            whole = name if group == "samples" else f"{group}/{name}"
+            for title, unit, values in _parts(whole, field, arrays[group][name]):
+                figure, axes = _small()
+                figures.append(figure)
+                note = ""
+                if field.dtype in ("u1", "i1"):
+                    _counts(axes, values, names.get(name))
+                else:
+                    note = _histogram(axes, list(_lines(data.hand, name, field.frame, values)))
+                _plain_small(axes, title, ", ".join(filter(None, (unit.replace("1", ""), note))))
     text = (
-        "Every field of the schema, all rows; components of one unit together, numbered from 1 along the last axis. "
-        "Logarithmic where values span decades."
+        "Every field of the schema, all rows. Colours: fingers. Solid, dashed, dotted: x, y, z. Logarithmic where "
+        "values span decades. Numbers below bars are places in the manifest's lists, from 0."
     )
-    return _section("Variables", text, figure)
+    return _section("Variables", text, figures, key=branch_key(data.hand), small=True)
 
 
-def _report(figures: dict) -> dict:
+def _report(figures: dict) -> Section:
     rows = [[name.replace("_", " "), value] for name, value in sorted(figures.items())]
     text = "Theory against simulation, labels against waiting, speed: measured by make sim, build/reports/sim.json."
-    return _section("Figures of the simulation", text, None, [_table(["figure", "value"], rows)])
-
-
-_TEMPLATE = jinja2.Environment(
-    loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True, lstrip_blocks=True
-).get_template("card.html.j2")
+    return _section("Figures of the simulation", text, tables=[_table(["figure", "value"], rows)])

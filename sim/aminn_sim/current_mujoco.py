@@ -117,6 +117,15 @@ class CurrentGrasp:
         for array, index, value in numbers:
             getattr(model, array).reshape(-1)[index] = value
 
+    def colour(self, joints: Sequence[str], rgba: Sequence[float]) -> None:
+        """Draw what the joints move in a colour, whatever its material is."""
+        moved = {int(self.model.joint(name).bodyid[0]) for name in joints}
+        for body in range(1, self.model.nbody):  # parents come before their children
+            if int(self.model.body_parentid[body]) in moved:
+                moved.add(body)
+        geoms = np.isin(self.model.geom_bodyid, list(moved))
+        self.model.geom_rgba[geoms], self.model.geom_matid[geoms] = rgba, -1
+
     def restore(self) -> None:
         """The settled grasp, without a load."""
         self.mujoco.mj_resetData(self.model, self.data)

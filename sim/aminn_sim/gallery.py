@@ -13,16 +13,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from ctypes.util import find_library
 from dataclasses import dataclass
-from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import jinja2
 import numpy as np
+from matplotlib.colors import to_hex, to_rgba
 from numpy.typing import NDArray
 
 from aminn_base.lock import locked_folder
+from aminn_base.page import render
 from aminn_base.read import AnyPath
+from aminn_hand.drawing import BRANCH_COLOURS, LOAD_COLOUR, branch_key, turning
 
 from . import _core
 from .config import SimulationConfig
@@ -40,9 +42,9 @@ PIXELS = 480  # width and height of a picture
 LOOK_AT_M = (0.0, 0.006, 0.050)  # H
 TOOL_RGBA, TOOL_SHARE = (0.95, 0.66, 0.25, 1.0), 0.7  # contacts are seen through it
 GHOST_RGBA, GHOST_SHARE = (0.55, 0.55, 0.55, 1.0), 0.4  # where the tool was before the load
-LOAD_RGBA = (0.10, 0.35, 0.90, 1.0)
-MOMENT_RGBA = (0.55, 0.15, 0.75, 1.0)
-CONTACT_RGBA = (0.85, 0.10, 0.10, 1.0)
+LOAD_RGBA = to_rgba(LOAD_COLOUR)
+CONTACT_RGBA = (0.90, 0.10, 0.60, 1.0)
+TURN_M, TURN_STEP = 0.028, 3  # radius of a moment's curved arrow, and every which point of it is drawn
 LONGEST_ARROW_M = 0.06
 SKY_RGB = (0.96, 0.97, 0.98)
 FINER = 2  # rendered at so many times the resolution, against jagged edges
@@ -80,7 +82,15 @@ def gallery(folder: AnyPath, count: int, hand: AnyPath | None = None) -> Path:
                 entries = [
                     _draw(data, config, opened, simulator, row, unfinished, screen) for row in choose(data, count)
                 ]
-            page = _TEMPLATE.render(entries=entries, manifest=data.manifest, version=import_mujoco().__version__)
+            page = render(
+                Path(__file__).with_name("gallery.html.j2"),
+                entries=entries,
+                manifest=data.manifest,
+                folder=folder,
+                version=import_mujoco().__version__,
+                fingers=branch_key(data.hand),
+                forces=[("contact force", to_hex(CONTACT_RGBA)), ("load: force straight, moment curved", LOAD_COLOUR)],
+            )
             (unfinished / "index.html").write_text(page, encoding="utf-8")
             if out.exists():
                 shutil.rmtree(out)
@@ -137,6 +147,8 @@ def _draw(
     session = session_of(config, opened, simulator, number)
     numbers = () if theta is None else simulator.numbers(theta)
     grasp = CurrentGrasp(opened, session.scene(), offscreen=PIXELS * FINER, numbers=numbers)
+    for branch, colour in zip(opened.hand.branches, BRANCH_COLOURS, strict=False):
+        grasp.colour([c.joint for c in branch.coordinates], to_rgba(colour))
     before = _pose(grasp, sample["q"])
     after = _loaded(grasp, sample)
     reference = max(float(np.linalg.norm(p.contact_forces, axis=1).max(initial=0.0)) for p in (before, after))
@@ -165,8 +177,11 @@ def _facts(data: SimulatedData, row: int, sample: dict) -> dict:
         "moment_Nm": float(np.linalg.norm(w[3:])),
         "translation_mm": 1e3 * float(np.linalg.norm(dx[:3])),
         "rotation_deg": float(np.degrees(np.linalg.norm(dx[3:]))),
-        "tensions": list(
-            zip(tendons, grasp["tendon_tension_N"].tolist(), sample["tendon_tension_after_N"].tolist(), strict=True)
+        "tensions": "; ".join(
+            f"{name} {before:.1f} → {after:.1f}"
+            for name, before, after in zip(
+                tendons, grasp["tendon_tension_N"], sample["tendon_tension_after_N"], strict=True
+            )
         ),
     }
 
@@ -204,10 +219,10 @@ class Screen:
         before.ngeom = tool.ngeom = arrows.ngeom = 0  # what stays is the light
         self._tool(tool, model, parts, pose, TOOL_RGBA)
         for point, force in zip(pose.contact_points, pose.contact_forces, strict=True):
-            self._arrow(arrows, point, point + LONGEST_ARROW_M * force / reference, 0.0028, CONTACT_RGBA)
+            self._arrow(arrows, point - LONGEST_ARROW_M * force / reference, point, 0.0028, CONTACT_RGBA)
         if ghost is not None:
             self._tool(before, model, parts, ghost, GHOST_RGBA)
-            self._load(partial(self._arrow, arrows), pose, sample, reference)
+            self._load(arrows, pose, sample, reference)
         layers = [(hand, 1.0, 0.0), (before, GHOST_SHARE, 0.0), (tool, TOOL_SHARE, 0.0), (arrows, 1.0, HIDDEN_SHARE)]
         _write_png(file, self._picture(model, layers))
 
@@ -246,18 +261,21 @@ class Screen:
         self.mujoco.mjr_readPixels(colours, depths, area, context)
         return colours.astype(float), depths
 
-    def _load(self, arrow: partial, pose: Pose, sample: dict, reference: float) -> None:
+    def _load(self, scene: Any, pose: Pose, sample: dict, reference: float) -> None:
         """The load's force where it acts, its moment beyond that of this force about the tool's origin."""
         force, moment = sample["w_e"][:3], sample["w_e"][3:]
         arm = sample["load_point_m"] - sample["x_ht"][:3]
         if np.linalg.norm(force) > 0:
             length = LONGEST_ARROW_M * max(0.25, float(np.linalg.norm(force)) / reference)
             tail = pose.position + arm
-            arrow(tail, tail + length * force / np.linalg.norm(force), 0.0038, LOAD_RGBA)
+            self._arrow(scene, tail, tail + length * force / np.linalg.norm(force), 0.0038, LOAD_RGBA)
         rest = moment - np.cross(arm, force)
         if np.linalg.norm(rest) > 1e-6:
-            half = 0.6 * LONGEST_ARROW_M * rest / np.linalg.norm(rest)
-            arrow(pose.position - half, pose.position + half, 0.0028, MOMENT_RGBA)
+            arc, _ = turning(rest, pose.position, TURN_M)
+            *line, last = pairwise(arc[::TURN_STEP])
+            for start, end in line:
+                self._connect(scene, self.mujoco.mjtGeom.mjGEOM_CAPSULE, start, end, 0.0016, LOAD_RGBA)
+            self._arrow(scene, last[0], last[0] + 2.5 * (last[1] - last[0]), 0.0034, LOAD_RGBA)
 
     def _geom(self, scene: Any, kind: Any, size: Array, pos: Array, rotation: Array, rgba: tuple) -> Any:
         geom = scene.geoms[scene.ngeom]
@@ -266,7 +284,9 @@ class Screen:
         return geom
 
     def _arrow(self, scene: Any, start: Array, end: Array, width: float, rgba: tuple) -> None:
-        kind = self.mujoco.mjtGeom.mjGEOM_ARROW
+        self._connect(scene, self.mujoco.mjtGeom.mjGEOM_ARROW, start, end, width, rgba)
+
+    def _connect(self, scene: Any, kind: Any, start: Array, end: Array, width: float, rgba: tuple) -> None:
         geom = self._geom(scene, kind, np.zeros(3), np.zeros(3), np.eye(3), rgba)
         self.mujoco.mjv_connector(geom, kind, width, start, end)
 
@@ -313,8 +333,3 @@ def offscreen() -> Iterator[Screen]:
         yield Screen()
     finally:
         context.free()
-
-
-_TEMPLATE = jinja2.Environment(
-    loader=jinja2.FileSystemLoader(Path(__file__).parent), autoescape=True, trim_blocks=True, lstrip_blocks=True
-).get_template("gallery.html.j2")

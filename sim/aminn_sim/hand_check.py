@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 
 from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
+from aminn_hand.drawing import BRANCH_COLOURS
 from aminn_hand.hand import Hand
 
 from .acceptance import Acceptance, accept
@@ -19,7 +20,6 @@ from .understand import Understood, table, understand
 
 PRELOADED_LIMIT, FORMULA_LIMIT = 0.05, 0.12
 """Largest median relative error of a right description: with the contact forces, and of the formula alone."""
-COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:red", "tab:purple")
 AXIS_M = 0.015
 Figures = dict[str, float | int | str | bool]
 
@@ -146,7 +146,7 @@ def draw(understood: Understood, out: Path) -> None:
     q = hand.coupled(0.5 * (understood.postures[0] + understood.postures[1]))
     figure = Figure(figsize=(9, 7), layout="constrained")
     axes = figure.add_subplot(projection="3d")
-    for branch, at, colour in zip(hand.branches, hand.branch_joints, COLOURS, strict=False):
+    for branch, at, colour in zip(hand.branches, hand.branch_joints, BRANCH_COLOURS, strict=False):
         angles = q[at]
         stations = []
         for c, coordinate in enumerate(branch.coordinates):

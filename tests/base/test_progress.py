@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from aminn_base import progress
-from aminn_base.program import Commands, Messages
+from aminn_base.program import Commands
 
 
 class Terminal(io.StringIO):
@@ -63,7 +63,7 @@ def program() -> None:
     """A program."""
 
 
-@program.command(cls=Messages)
+@program.command()
 def noisy() -> None:
     """A command."""
     progress.note("by the way")

@@ -96,7 +96,7 @@ def test_c_table_is_that_of_the_json(written: Path, tmp_path: Path, run_hand: Ha
 
 def test_page_has_plots_and_every_parameter(written: Path, lab_hand: Hand) -> None:
     page = (written.parent / "page.html").read_text()
-    assert page.count("data:image/png;base64,") == 2
+    assert page.count("data:image/png;base64,") == 5  # factors, joint zeros, tip radius; errors, weights
     assert all(name in page for name in Theta(lab_hand).names)
 
 

@@ -7,21 +7,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from page_checks import faults, watch_labels
 from synthetic import closure, draw_inputs, hand
 
 from aminn.evaluation.metrics import operating_curve, refusal_curve, reliability
 from aminn.pages.grasp_picture import GraspPicture, branch_points, draw_grasp, magnification, tool_faces
+from aminn.pages.other_reports import told_reports
 from aminn.pages.report import (
     ReportInputs,
+    conclusion,
     difference_table,
     format_value,
     pictures,
     read_reports,
     result_table,
-    to_png,
     write_report,
 )
 from aminn_base.errors import AminnError
+from aminn_base.page import data_uri
 from aminn_hand.hand import rotation
 
 RNG = np.random.default_rng(0)
@@ -71,11 +74,13 @@ def _inputs() -> ReportInputs:
     )
 
 
-def test_page_is_self_contained_and_complete(tmp_path: Path) -> None:
+def test_page_is_self_contained_and_complete(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    overlaps = watch_labels(monkeypatch)
     write_report(_inputs(), tmp_path / "reports" / "page.html")
+    assert faults(tmp_path / "reports" / "page.html") == [] and overlaps == []
     page = (tmp_path / "reports" / "page.html").read_text()
     assert "A &lt;run&gt; &amp; more" in page
-    assert page.count("data:image/png;base64,") == 7
+    assert page.count("data:image/png;base64,") == 2 + 4 + 2 + 2 + 1 + 2 + 2  # a panel each
     assert all(link.startswith("data:") for link in re.findall(r'(?:src|href)="([^"]*)"', page))
     assert not re.search(r"https?://", page)
     for text in (
@@ -107,6 +112,36 @@ def test_page_of_measured_data_has_no_slides(tmp_path: Path) -> None:
     ]
 
 
+def test_the_conclusion_is_what_the_table_says() -> None:
+    rows = [
+        {"model": name, "f1": 0.9, "relative_error_median_all": error}
+        for name, error in (("mlp", 0.2), ("aminn", 0.05), ("analytical", 0.1), ("no_motion", 1.0))
+    ]
+    assert conclusion(rows) == (
+        "AMINN tells whether a grasp holds with an F1 of 0.900, and how far the tool moves with a median relative "
+        "error of 5.0%; MLP 20.0%, analytical 10.0%."
+    )
+    assert conclusion([{"model": "no_motion"}]) == conclusion([]) == ""
+
+
+def test_hands_calibration_and_cost_have_tables_where_they_were_run() -> None:
+    reports = {
+        "hands": {"gripper_joints": 2, "gripper_aminn_f1": 0.91, "leap_like_aminn_f1": 0.93, "aims_missed": ""},
+        "calibrate": {
+            "pushes_40_after_relative_error_median": 0.04, "pushes_10_after_relative_error_median": 0.06,
+            "pushes_10_before_relative_error_median": 0.3, "aims_missed": "10 pushes: too few",
+        },
+        "cost": {"base_commit": "abc", "base_instructions": 9, "stuck_instructions": 7, "sliding_instructions": 8},
+        "bench": {"prediction_us": 1.0},
+    }  # fmt: skip
+    hands, calibrate, cost = told_reports(reports)
+    assert [row[:3] for row in hands.rows] == [["gripper", "2", "0.910"], ["leap_like", "–", "0.930"]]
+    assert [row[:3] for row in calibrate.rows] == [["10", "0.300", "0.060"], ["40", "–", "0.040"]]
+    assert calibrate.note.endswith("Aims missed: 10 pushes: too few.") and "missed" not in hands.note
+    assert cost.rows == [["instructions", "9", "7", "8"]] and "abc" in cost.note
+    assert told_reports({"hands": {}, "cost": {"base_commit": "abc"}}) == []
+
+
 def test_failed_verification_is_said(tmp_path: Path) -> None:
     write_report(ReportInputs(verification={"ok": False, "host_c_refused": 3}), tmp_path / "page.html")
     assert "outside their limit" in (tmp_path / "page.html").read_text()
@@ -124,8 +159,8 @@ def test_cells() -> None:
 
 @pytest.mark.parametrize("family", TOOLS)
 def test_grasp_of_each_family_is_drawn(family: str) -> None:
-    figure, caption = draw_grasp(_grasp(family))
-    assert len(to_png(figure)) > 20_000
+    figures, caption = draw_grasp(_grasp(family))
+    assert len(figures) == 2 and all(len(data_uri(figure)) > 20_000 for figure in figures)
     assert family in caption
     assert "predicted" in caption
     points = np.concatenate(tool_faces(TOOLS[family]))

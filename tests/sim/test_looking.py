@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from page_checks import faults, watch_labels
 from PIL import Image
 
 from aminn_app.cli import main
@@ -67,12 +68,13 @@ def test_pictures_show_the_forces(gallery_folder: Path) -> None:
         first, second = pixels(before), pixels(before.with_name(before.name.replace("before", "after")))
         assert first.shape == second.shape == (PIXELS, PIXELS, 3)
         assert 0.05 < (np.abs(first - first[0, 0]).max(-1) > 20).mean() < 0.7
-        assert coloured(first, CONTACT_RGBA) > 100 and coloured(first, LOAD_RGBA) == 0
-        loads.append(coloured(second, LOAD_RGBA))
-    assert max(loads) > 50
+        assert coloured(first, CONTACT_RGBA) > 100
+        loads.append(coloured(second, LOAD_RGBA) - coloured(first, LOAD_RGBA))  # shades of other arrows are like it
+    assert max(loads) > 300
 
 
 def test_page_shows_every_picture_and_its_numbers(data_folder: Path, gallery_folder: Path) -> None:
+    assert faults(gallery_folder / "index.html") == []
     page = (gallery_folder / "index.html").read_text()
     shown = set(re.findall(r'<img src="([^"]+)"', page))
     assert shown == {p.name for p in gallery_folder.glob("*.png")} and len(shown) == 8
@@ -119,10 +121,15 @@ def test_unfinished_pictures_leave_nothing(data_folder: Path, tmp_path: Path, mo
     assert not list(copy.glob("gallery*"))
 
 
-def test_card_shows_every_field_and_is_one_file(data_folder: Path, tmp_path: Path) -> None:
+def test_card_shows_every_field_and_is_one_file(
+    data_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    overlaps = watch_labels(monkeypatch)
     report = tmp_path / "sim.json"
     report.write_text('{"theory_relative_error_median": 0.0625}')
-    page = data_card(data_folder, report).read_text()
+    file = data_card(data_folder, report)
+    assert faults(file) == [] and overlaps == []
+    page = file.read_text()
     titles = re.findall(r"<h2>(.*?)</h2>", page)
     assert titles[:3] == ["Yield", "Stable share by load", "Quality of the labels"] and "Variables" in titles
     assert "Mechanics" not in titles  # every hand is as described

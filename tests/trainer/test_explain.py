@@ -17,9 +17,10 @@ from aminn.data.dataset import Dataset
 from aminn.model.checkpoint import Checkpoint, build_model, load_checkpoint, save_checkpoint
 from aminn.model.config import ModelConfig
 from aminn.pages.explain import RING_M, SHIFT_M, as_text, contact_in_words, draw, explain_sample, softest
-from aminn.pages.grasp_picture import GraspPicture, draw_grasp, load_legend, turning
+from aminn.pages.grasp_picture import GraspPicture, draw_grasp, load_legend
 from aminn_app.cli import main
 from aminn_base.errors import AminnError
+from aminn_hand.drawing import turning
 
 
 def test_numbers_belong_together(runs: dict[str, Checkpoint], dataset: Dataset) -> None:
@@ -145,8 +146,8 @@ def picture_of(dataset: Dataset, w_e: list[float]) -> GraspPicture:
     ],
 )
 def test_picture_shows_force_and_moment_where_there_is_one(dataset: Dataset, w_e: list[float], labels: list) -> None:
-    figure, caption = draw_grasp(picture_of(dataset, w_e))
-    before, under = figure.axes
+    figures, caption = draw_grasp(picture_of(dataset, w_e))
+    before, under = (figure.axes[0] for figure in figures)
     assert sorted(t.get_text() for t in under.texts) == labels and not before.texts
     assert len([line for line in under.lines if line.get_linestyle() == "-"]) == 2 * ("0.020 N.m" in labels)
     legend = load_legend(np.array(w_e))

@@ -134,7 +134,7 @@ def test_pages_are_written(name: str, tmp_path: Path) -> None:
     data = load_dataset(tmp_path / "data")
     run = train(TrainConfig(epochs=1), data, tmp_path / "run")
     draw(explain_sample(run, data, 3), tmp_path / "why.png")
-    run_report(evaluate([run], data), [run], {}, tmp_path / "page.html")
+    run_report(evaluate([run], data), [run], {}, tmp_path / "data", tmp_path / "page.html")
     assert (tmp_path / "why.png").stat().st_size > 10_000 and "A grasp under load" in (
         tmp_path / "page.html"
     ).read_text()

@@ -426,8 +426,9 @@ def calibrate(
     click.echo(as_text(found))
     if page:
         from aminn.pages.calibration import write_calibration_page
+        from aminn.pages.provenance import provenance
 
-        write_calibration_page(found, page)
+        write_calibration_page(found, page, provenance([loaded], data))
         click.echo(f"page: {page}")
     for file in write_calibration(out, found, loaded.sha256):
         click.echo(f"theta: {file}")
@@ -637,7 +638,7 @@ def report(
     differences = read_verification(verification) if verification else {}
     origin = load_dataset(trained_on) if trained_on else None
     told = with_told(load_dataset(data), sensors)
-    run_report(run(checkpoints, told, trained_on=origin), checkpoints, differences, out, reports)
+    run_report(run(checkpoints, told, trained_on=origin), checkpoints, differences, data, out, reports)
     click.echo(f"report: {out}")
 
 

@@ -30,7 +30,7 @@ def main(build: Path, grasps: int, cases: int) -> None:
     reports, watch = build / "reports", Stopwatch()
     done = whole_path(build / "demo", grasps, cases, build / "host", watch)
     page = reports / "demo.html"
-    make_page = partial(run_report, done.result, done.checkpoints, done.replay, page, reports)
+    make_page = partial(run_report, done.result, done.checkpoints, done.replay, done.data, page, reports)
     watch.run("report", "Write the report page", make_page)
     write_json(reports / "demo.json", done.figures() | watch.seconds)
     click.echo(f"\n{format_table(done.result)}\n")

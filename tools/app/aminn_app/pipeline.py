@@ -131,12 +131,18 @@ def _refusal(result: Evaluation, name: str) -> dict[str, list[float]]:
 
 
 def run_report(
-    result: Evaluation, checkpoints: list[Checkpoint], differences: dict, out: Path, reports: Path | None = None
+    result: Evaluation,
+    checkpoints: list[Checkpoint],
+    differences: dict,
+    data: Path,
+    out: Path,
+    reports: Path | None = None,
 ) -> None:
     """Write the report page of an evaluation to `out`; `differences` is what `run_verify` returned, or empty.
 
-    The page lists the figures of all reports in folder `reports`.
+    The page lists the figures of all reports in folder `reports`. `data` is where the evaluated data are.
     """
+    from aminn.pages.provenance import provenance
     from aminn.pages.report import ReportInputs, read_reports, write_report
 
     s = result.data.samples
@@ -167,6 +173,7 @@ def run_report(
         verification=differences,
         reports=read_reports(reports, out) if reports else {},
         notes=result.notes,
+        provenance=provenance(checkpoints, data) | {"load cases": len(result.data), "split": result.split},
         dataset=_report_data(result.labels, result.data.manifest),
     )
     write_report(inputs, out)

@@ -48,6 +48,8 @@ class Stopwatch:
 class Outcome:
     """What the path gave."""
 
+    data: Path
+    """Folder of the data set."""
     dataset: Dataset
     checkpoints: list[Checkpoint]
     """AMINN and the MLP."""
@@ -91,7 +93,7 @@ def whole_path(
     replay = watch.run(
         "verify", title, lambda: run_verify(exported, data, host, firmware=True, echo=lines.append).report
     )
-    return Outcome(dataset, checkpoints, result, replay, lines)
+    return Outcome(data, dataset, checkpoints, result, replay, lines)
 
 
 def _simulate(data: Path, grasps: int, cases: int, hand: Path | None) -> Dataset:

@@ -90,6 +90,8 @@ class Judges(Messages):
 class Commands(Messages, click.Group):
     """A group whose commands do so."""
 
+    command_class = Messages
+
 
 def _quiet_option() -> click.Option:
     return click.Option(

@@ -3,35 +3,37 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Mapping
+from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
+from aminn_base.page import picture, write_page
 from aminn_base.read import AnyPath
 
 from ..calibration.calibrate import Calibration
 from ..calibration.fit import Z90
 from ..calibration.store import KEPT
-from .report import new_figure, picture, tidy, write_page
+from .report import new_panel, tidy
 
 BLUE, GREY = "#1f5fa8", "#9a9a9a"
 LEGEND_GRASPS = 10
 
 
-def theta_figure(found: Calibration) -> Figure:
+def theta_figures(found: Calibration) -> list[Figure]:
     """Every parameter with its interval, over that of the prior; a panel a unit."""
     kinds = {"1": "factor on nominal", "rad": "joint zero, deg", "m": "tip radius, mm"}
     scale = {"1": 1.0, "rad": 180 / math.pi, "m": 1e3}
     parameters, prior, sd = found.space.parameters, found.prior.sd(found.space), found.fit.sd
     units = list(dict.fromkeys(p.unit for p in parameters))
-    counts = [sum(p.unit == unit for p in parameters) for unit in units]
-    figure = new_figure(8.6, 0.9 * len(units) + 0.2 * len(parameters))
-    axes = figure.subplots(len(units), 1, height_ratios=counts, squeeze=False)[:, 0]
-    for ax, unit in zip(axes, units, strict=True):
+    figures = []
+    for unit in units:
         own = [i for i, p in enumerate(parameters) if p.unit == unit]
+        figure, ax = new_panel(5.6, 1.1 + 0.2 * len(own))
+        figures.append(figure)
         for row, i in enumerate(own):
             colour = GREY if parameters[i].name in found.undetermined else BLUE
             _interval(ax, row, 0.0, scale[unit] * Z90 * prior[i], "#e3e3e3", 7)
@@ -43,17 +45,16 @@ def theta_figure(found: Calibration) -> Figure:
         if unit == "1":
             factors = np.array([0.4, 0.5, 0.7, 1.0, 1.4, 2.0, 2.5])
             ax.set_xticks(np.log(factors), [f"{f:g}" for f in factors])
-    return figure
+    return figures
 
 
 def _interval(ax: Axes, row: int, middle: float, half: float, colour: str, width: float) -> None:
     ax.plot([middle - half, middle + half], [row, row], color=colour, linewidth=width, solid_capstyle="butt")
 
 
-def error_figure(found: Calibration) -> Figure:
+def error_figures(found: Calibration) -> list[Figure]:
     """Errors of the held-out pushes before and after, each push a point; and what each push counted."""
-    figure = new_figure(8.6, 3.8)
-    left, right = figure.subplots(1, 2)
+    (errors, left), (weights, right) = new_panel(), new_panel()
     before, after = (100 * e for e in (found.held_out.before, found.held_out.after))
     low, high = 0.8 * min(before.min(), after.min()), 1.25 * max(before.max(), after.max())
     left.plot([low, high], [low, high], color="#111111", linewidth=0.9)
@@ -73,25 +74,26 @@ def error_figure(found: Calibration) -> Figure:
     tidy(left, "error before, % of the motion", "error after, % of the motion", "held-out pushes, a colour a grasp")
     right.xaxis.set_major_locator(MaxNLocator(integer=True))
     tidy(right, "push that held, in the order of the data", "weight", "what each push counted: a slip about 0")
-    return figure
+    return [errors, weights]
 
 
-def write_calibration_page(found: Calibration, out: AnyPath) -> None:
-    """Write the page, one file of its own."""
+def write_calibration_page(found: Calibration, out: AnyPath, provenance: Mapping[str, str]) -> None:
+    """Write the page, one file of its own. provenance: run and data, name and value."""
     sd, prior, out_of = found.fit.sd, found.prior.sd(found.space), found.undetermined
-    rows: list[dict[str, Any]] = []
+    rows: list[list[str]] = []
     for i, p in enumerate(found.space.parameters):
         value = f"x {math.exp(found.theta[i]):.3f}" if p.unit == "1" else f"{found.theta[i]:+.5f} {p.unit}"
-        cells = [
-            p.name,
-            value,
-            f"{found.theta[i]:+.4f}",
-            f"{found.fit.mean[i]:+.4f}",
-            f"{sd[i]:.4f}",
-            f"{prior[i]:.4f}",
-            ", ".join(p.parts),
-        ]
-        rows.append({"cells": cells, "open": p.name in out_of})
+        rows.append(
+            [
+                p.name,
+                value,
+                f"{found.theta[i]:+.4f}",
+                f"{found.fit.mean[i]:+.4f}",
+                f"{sd[i]:.4f}",
+                f"{prior[i]:.4f}",
+                ", ".join(p.parts),
+            ]
+        )
     held_out = found.held_out
 
     def text(errors: np.ndarray) -> str:
@@ -112,11 +114,22 @@ def write_calibration_page(found: Calibration, out: AnyPath) -> None:
     if not found.free.all():
         caption += f" {KEPT.capitalize()}."
     pictures = [
-        picture("Parameters (theta)", caption, theta_figure(found)),
-        picture("Errors", "Below the line a push is predicted better than before.", error_figure(found)),
+        picture("Parameters (theta)", caption, theta_figures(found)),
+        picture("Errors", "Below the line a push is predicted better than before.", error_figures(found)),
     ]
     headings = ("parameter", "value", "theta", "mean", "sd", "sd of the prior", "parts")
     write_page(
-        "calibration.html.j2", out, hand=found.pushes.hand.name, summary=summary, pictures=pictures, rows=rows,
+        Path(__file__).with_name("calibration.html.j2"),
+        out,
+        hand=found.pushes.hand.name,
+        conclusion=(
+            f"Pushes that theta was not fitted to are predicted with a relative error of "
+            f"{np.median(held_out.after):.1%} instead of {np.median(held_out.before):.1%} (median)."
+        ),
+        summary=summary,
+        pictures=pictures,
+        rows=rows,
+        open=list(out_of),
         headings=headings,
-    )  # fmt: skip
+        provenance=provenance.items(),
+    )

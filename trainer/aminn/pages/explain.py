@@ -17,6 +17,7 @@ from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
 from aminn_base.read import AnyPath
 from aminn_hand import Hand
+from aminn_hand.drawing import BRANCH_COLOURS, turning
 
 from ..data.dataset import MEASURED, Dataset
 from ..data.origin import check_hand, same_configuration
@@ -270,8 +271,6 @@ class SoftMotion:
 
 def softest(e: Explanation, count: int = 3) -> list[SoftMotion]:
     """The motions that the grasp resists least, of all six, softest first; shares below a quarter are not drawn."""
-    from .grasp_picture import turning
-
     compliances, directions = e.principal()
     origin, motions = e.row("x_ht")[:3], []
     for rank in range(count):
@@ -304,14 +303,14 @@ def draw(e: Explanation, out: AnyPath) -> None:
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-    from .grasp_picture import BRANCH_COLOURS, LABEL, branch_points, draw_scene, load_legend, on_picture, tool_of
+    from .grasp_picture import LABEL, draw_scene, load_legend, on_picture, tool_of
 
     out = Path(out)
     kind = out.suffix or (".png" if out.exists() and not out.is_file() else "")
     if kind not in PICTURES:
         raise AminnError(f"{out}: pictures are written as {', '.join(PICTURES)}")
-    figure = Figure(figsize=(10.8, 5.6), dpi=130)
-    ax = figure.add_axes((0.0, 0.07, 0.62, 0.93), projection="3d", computed_zorder=True)
+    figure = Figure(figsize=(10.8, 6.0), dpi=130)
+    ax = figure.add_axes((0.03, 0.19, 0.58, 0.81), projection="3d", computed_zorder=True)
     hand = e.hand
     _, geoms, size_m = tool_of(e.data, e.sample)
     draw_scene(
@@ -331,12 +330,12 @@ def draw(e: Explanation, out: AnyPath) -> None:
         at = on_picture(ax, motion.label_at[None])[0]
         label = f"{rank + 1}: {1e3 * motion.compliance:.3g} mm/N"
         ax.annotate(label, at, fontsize=8, ha="center", va="bottom", bbox=LABEL, zorder=101)
-    for b, branch in enumerate(hand.branches):
-        foot = on_picture(ax, branch_points(hand, b, e.row("q"))[:1])[0]
+    for b, branch in enumerate(hand.branches):  # side by side: at the fingers they would lie on one another
         state = f"\nengaged {e.gate[b]:.2f}" if e.gain[b] > 0 else ""
-        state += f"\n{e.use[b]:.2f} of friction: {contact_in_words(e, b)}" if e.slides else ""
+        state += f"\n{e.use[b]:.2f} of friction:\n{contact_in_words(e, b)}" if e.slides else ""
         text = branch.name + (state if e.row("contacts")[b, 0] > 0 else "\nno contact")
-        ax.annotate(text, foot, color=BRANCH_COLOURS[b], fontsize=8, ha="center", va="top", bbox=LABEL, zorder=101)
+        x = 0.62 * (b + 0.5) / len(hand.branches)
+        figure.text(x, 0.19, text, color=BRANCH_COLOURS[b], fontsize=8, ha="center", va="top")
     bars = figure.add_axes((0.68, 0.6, 0.3, 0.32))
     names = [(b, i, joint) for b in range(len(hand.branches)) for i, joint in e.joints_of(b)]
     ratio = [e.stiffness[b, i, i] / e.nominal_stiffness[b, i] for b, i, _ in names]

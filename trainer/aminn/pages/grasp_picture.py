@@ -16,16 +16,14 @@ from mpl_toolkits.mplot3d.proj3d import proj_transform
 from numpy.typing import NDArray
 
 from aminn_hand import Hand
+from aminn_hand.drawing import BRANCH_COLOURS, LOAD_COLOUR, turning
 from aminn_hand.hand import rotation
 
 from ..data.dataset import Dataset
 
 Array = NDArray[np.float64]
 
-BRANCH_COLOURS = ("#1f5fa8", "#3a8f5c", "#8a5aa6", "#c2571a", "#2a8f9e")
-"""One a branch, as many as a hand may have."""
 TOOL_COLOUR = "#d9a441"
-LOAD_COLOUR = "#b03a48"
 GHOST = "#9a9a9a"
 LABEL = {"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 1.0}
 LIGHT = np.array([0.4, -0.5, 0.77])
@@ -35,7 +33,7 @@ SAME_POINT_M = 1e-6
 LINK_RADIUS_M = 0.008
 """Of a fingertip that is not round, as it is drawn."""
 ARROW_M = 0.04
-TURN_M, TURN_ANGLE = 0.032, 1.5 * math.pi  # of the curved arrow about a moment's axis
+TURN_M = 0.032  # radius of the curved arrow about a moment's axis
 # Where the camera may stand, degrees from the long axis of tools: fingers and thumb are left and right, none in front.
 ELEVATION, AZIMUTHS = 18, (-28, 28, 152, -152)
 
@@ -235,19 +233,6 @@ def _draw_ghost(ax: Axes3D, picture: GraspPicture) -> None:
     ax.add_collection3d(edges)
 
 
-def turning(axis: Array, centre: Array, radius: float) -> tuple[Array, Array]:
-    """A curved arrow that turns about `axis` by the right hand: its arc (n, 3), and its head (3, 3)."""
-    z = axis / np.linalg.norm(axis)
-    x = np.cross(z, [1.0, 0, 0] if abs(z[0]) < 0.9 else [0, 1.0, 0])
-    x /= np.linalg.norm(x)
-    y = np.cross(z, x)
-    angle = np.linspace(0, TURN_ANGLE, 40)[:, None]
-    arc = centre + radius * (np.cos(angle) * x + np.sin(angle) * y)
-    out = math.cos(TURN_ANGLE) * x + math.sin(TURN_ANGLE) * y
-    back, tip = 0.3 * radius * np.cross(out, z), arc[-1]  # against the motion there
-    return arc, np.stack([tip + back + 0.15 * radius * out, tip, tip + back - 0.15 * radius * out])
-
-
 def _draw_load(ax: Axes3D, w_e: Array, tool_size_m: Array, pose: Array) -> None:
     """The force as a straight arrow, the moment about the tool's origin as a curved one; what is zero is left out."""
     if np.linalg.norm(w_e[:3]) > 0:
@@ -284,7 +269,7 @@ def _draw_force(ax: Axes3D, force: Array, tool_size_m: Array, pose: Array) -> No
     to_the_right = math.cos(a) * force[1] - math.sin(a) * force[0] >= 0
     side = "left" if to_the_right else "right"
     text = {"color": LOAD_COLOUR, "fontsize": 9, "ha": side, "va": "center", "bbox": LABEL, "zorder": 101}
-    ax.text(*(start + 1.15 * vector), f"{size:.1f} N", **text)
+    ax.annotate(f"{size:.1f} N", on_picture(ax, 1e-3 * (start + 1.15 * vector)[None])[0], **text)
 
 
 def _azimuth(w_e: Array, hand: Hand) -> float:
@@ -367,11 +352,9 @@ def draw_scene(
     _draw_load(ax, w_e, tool_size_m, x_ht)
 
 
-def draw_grasp(picture: GraspPicture) -> tuple[Figure, str]:
-    """(figure, caption): the grasp before the load and under it."""
+def draw_grasp(picture: GraspPicture) -> tuple[list[Figure], str]:
+    """(figures, caption): the grasp before the load and under it, a figure each."""
     factor = magnification(picture.dx_ht)
-    figure = Figure(figsize=(10.4, 5.2), dpi=130)
-    figure.subplots_adjust(left=0.02, right=0.96, bottom=0.04, top=0.95, wspace=0.0)
     q_after = picture.q + factor * (np.asarray(picture.q_after) - picture.q)
     states = (
         (picture.q, np.asarray(picture.x_ht)),
@@ -380,10 +363,12 @@ def draw_grasp(picture: GraspPicture) -> tuple[Figure, str]:
     half = np.asarray(picture.tool_size_m, float)
     reach = [branch_points(picture.hand, b, q) for q, _ in states for b in range(len(picture.hand.branches))]
     tools = [np.concatenate(_placed(tool_faces(picture.tool_geoms), pose)) for _, pose in states]
-    points = np.concatenate(reach + tools)
+    points, figures = np.concatenate(reach + tools), []
     for k, ((q, pose), title) in enumerate(zip(states, ("before the load", "under load"), strict=True)):
-        ax = figure.add_subplot(1, 2, k + 1, projection="3d", computed_zorder=True)
-        ax.patch.set_visible(False)  # it would hide the other's axis label
+        figure = Figure(figsize=(5.0, 5.0))
+        figures.append(figure)
+        ax = figure.add_subplot(projection="3d", computed_zorder=True)
+        ax.set_position((0.05, 0.02, 0.86, 0.94))
         ax.view_init(elev=ELEVATION, azim=_azimuth(picture.w_e, picture.hand))
         _draw_hand(ax, picture.hand, q)
         _draw_solid(ax, _placed(tool_faces(picture.tool_geoms), pose), TOOL_COLOUR, 0.8)
@@ -392,4 +377,4 @@ def draw_grasp(picture: GraspPicture) -> tuple[Figure, str]:
         _frame(ax, points, title)
         if k == 1:
             _draw_load(ax, picture.w_e, half, pose)
-    return figure, _caption(picture, factor)
+    return figures, _caption(picture, factor)

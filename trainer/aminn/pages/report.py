@@ -6,26 +6,25 @@ Colours belong to a name ("aminn", "mlp", ...) and stay the same from figure to 
 
 from __future__ import annotations
 
-import base64
-import io
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import jinja2
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator
+from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from aminn_base.files import write_atomically
+from aminn_base.page import PANEL_IN, Picture, picture, write_page
 from aminn_base.read import AnyPath, read_json
+from aminn_hand.drawing import branch_key
 
 from ..evaluation.evaluate import BASELINES, KIND_NAMES
 from ..evaluation.metrics import COLUMNS, SURE_COLUMNS, Column
 from .grasp_picture import GraspPicture, draw_grasp
+from .other_reports import told_reports
 
 Array = NDArray[np.float64]
 Value = float | int | str | bool | None
@@ -100,16 +99,8 @@ class ReportInputs:
     """Name -> flat figures of other reports, which the page lists as they are."""
     notes: Sequence[str] = ()
     """Sentences under the table."""
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A figure in the page."""
-
-    title: str
-    caption: str
-    png: str
-    """Base64."""
+    provenance: Mapping[str, Value] = field(default_factory=dict)
+    """Name -> value: runs, data, version, settings."""
 
 
 def colour_of(name: str, names: Sequence[str]) -> str:
@@ -123,8 +114,10 @@ def label_of(name: str) -> str:
     return NAMES.get(name, name)
 
 
-def new_figure(width: float, height: float) -> Figure:
-    return Figure(figsize=(width, height), dpi=130, layout="constrained")
+def new_panel(width: float = PANEL_IN[0], height: float = PANEL_IN[1]) -> tuple[Figure, Axes]:
+    """A figure of one panel, inches."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    return figure, figure.subplots()
 
 
 def tidy(ax: Axes, x: str, y: str, title: str = "") -> None:
@@ -136,13 +129,6 @@ def tidy(ax: Axes, x: str, y: str, title: str = "") -> None:
     ax.set_axisbelow(True)
     for side in ("top", "right"):
         ax.spines[side].set_visible(False)
-
-
-def to_png(figure: Figure) -> bytes:
-    """The figure as a PNG."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", facecolor="white")
-    return buffer.getvalue()
 
 
 def _edges(values: Sequence[Array]) -> tuple[Array, float]:
@@ -181,14 +167,15 @@ def _draw_work(ax: Axes, work: Mapping[str, Array], title: str) -> None:
     ax.legend(fontsize=8, frameon=False, loc="upper left")
 
 
-def work_figure(full: Mapping[str, Array], translational: Mapping[str, Array]) -> Figure:
-    """Histogram of the signed work, full and translational."""
-    panels = [(w, t) for w, t in ((full, "w·dx (force and moment)"), (translational, "f·dp (force alone)")) if w]
-    figure = new_figure(5.2 * len(panels), 3.6)
-    axes = figure.subplots(1, len(panels), squeeze=False)[0]
-    for ax, (work, title) in zip(axes, panels, strict=True):
-        _draw_work(ax, work, title)
-    return figure
+def work_figures(full: Mapping[str, Array], translational: Mapping[str, Array]) -> list[Figure]:
+    """Histograms of the signed work, full and translational."""
+    figures = []
+    for work, title in ((full, "w·dx (force and moment)"), (translational, "f·dp (force alone)")):
+        if work:
+            figure, ax = new_panel()
+            _draw_work(ax, work, title)
+            figures.append(figure)
+    return figures
 
 
 def _draw_scatter(ax: Axes, true: Array, pred: Array, colour: str, low: float, high: float) -> None:
@@ -200,6 +187,10 @@ def _draw_scatter(ax: Axes, true: Array, pred: Array, colour: str, low: float, h
     ax.set_xlim(low, high)
     ax.set_ylim(low, high)
     ax.set_aspect("equal")
+    for axis in (ax.xaxis, ax.yaxis):  # as many labels as have room
+        axis.set_major_locator(LogLocator(subs=(1, 2, 5) if high < 100 * low else (1,)))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter(NullFormatter())
 
 
 def _range(values: Array) -> tuple[float, float]:
@@ -211,31 +202,39 @@ def _range(values: Array) -> tuple[float, float]:
     return 0.8 * max(low, 1e-4 * high), high
 
 
-def displacement_figure(true: Array, predicted: Mapping[str, Array]) -> Figure:
-    """Size of the predicted motion against the simulated one: a column a model, translation above rotation."""
-    names = list(predicted)
-    figure = new_figure(3.3 * len(names) + 0.4, 6.6)
-    axes = figure.subplots(2, len(names), squeeze=False)
-    kinds = ((slice(0, 3), 1e3, "translation, mm"), (slice(3, 6), 180 / math.pi, "rotation, deg"))
-    for row, (part, unit, text) in enumerate(kinds):
+def displacement_figures(true: Array, predicted: Mapping[str, Array]) -> list[Figure]:
+    """Size of the predicted motion against the simulated one, a panel for each model's translation and rotation."""
+    names, figures = list(predicted), []
+    for part, unit, text in ((slice(0, 3), 1e3, "translation, mm"), (slice(3, 6), 180 / math.pi, "rotation, deg")):
         size = unit * np.linalg.norm(true[:, part], axis=1)
         low, high = _range(size)
-        for column, name in enumerate(names):
+        for name in names:
+            figure, ax = new_panel(3.4, 3.6)
             guess = unit * np.linalg.norm(predicted[name][:, part], axis=1)
-            ax = axes[row, column]
             _draw_scatter(ax, size, guess, colour_of(name, names), low, high)
-            title = label_of(name) if row == 0 else ""
-            tidy(ax, f"simulated {text}", f"predicted {text}" if column == 0 else "", title)
-    return figure
+            tidy(ax, f"simulated {text}", f"predicted {text}", label_of(name))
+            figures.append(figure)
+    return figures
 
 
-def training_figure(histories: Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]]) -> Figure:
+STAGES = {"stage1": "stage 1: cross-entropy", "stage2": "stage 2: displacement loss"}
+"""What each stage's loss is."""
+
+
+def tidy_losses(ax: Axes) -> None:
+    """A logarithmic axis of losses, with labels that do not touch."""
+    ax.set_yscale("log")
+    ax.yaxis.set_minor_locator(LogLocator(subs=(2, 5)))
+    ax.yaxis.set_major_formatter("{x:g}")
+    ax.yaxis.set_minor_formatter("{x:g}")
+    ax.tick_params(which="minor", labelsize=7)
+
+
+def training_figures(histories: Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]]) -> list[Figure]:
     """Loss by epoch; a panel a stage."""
-    stages = sorted({stage for history in histories.values() for stage in history})
-    texts = {"stage1": "stage 1: cross-entropy", "stage2": "stage 2: displacement loss"}
-    figure = new_figure(5.2 * len(stages), 3.4)
-    axes = figure.subplots(1, len(stages), squeeze=False)[0]
-    for ax, stage in zip(axes, stages, strict=True):
+    figures = []
+    for stage in sorted({stage for history in histories.values() for stage in history}):
+        figure, ax = new_panel()
         for name, history in histories.items():
             curves, colour = history.get(stage, {}), colour_of(name, list(histories))
             for part, style, width in (("train", (0, (3, 2)), 1.0), ("validation", "-", 1.7)):
@@ -244,37 +243,34 @@ def training_figure(histories: Mapping[str, Mapping[str, Mapping[str, Sequence[f
                 ax.plot(
                     np.arange(1, len(values) + 1), values, color=colour, linestyle=style, linewidth=width, label=label
                 )
-        ax.set_yscale("log")
-        ax.yaxis.set_minor_locator(LogLocator(subs=(2, 5)))  # more labels would touch
-        ax.yaxis.set_major_formatter("{x:g}")
-        ax.yaxis.set_minor_formatter("{x:g}")
-        tidy(ax, "epoch", "loss", texts.get(stage, stage))
-        ax.tick_params(which="minor", labelsize=7)
+        tidy_losses(ax)
+        tidy(ax, "epoch", "loss", STAGES.get(stage, stage))
         ax.legend(fontsize=8, frameon=False)
-    return figure
+        figures.append(figure)
+    return figures
 
 
-def operating_figure(curves: Mapping[str, tuple[Mapping[str, Sequence[float]], float]]) -> Figure:
+def operating_figures(curves: Mapping[str, tuple[Mapping[str, Sequence[float]], float]]) -> list[Figure]:
     """F1 against displacement error and against the share passed on, along the threshold; a ring at the chosen one."""
-    figure = new_figure(10.4, 3.6)
-    axes = figure.subplots(1, 2)
+    figures = []
     sides = (("rmse_pose", "RMSE_pose of what is stable and passed on"), ("passed", "share of load cases passed on"))
-    for name, (curve, tau) in curves.items():
-        chosen = int(np.argmin(np.abs(np.asarray(curve["tau"]) - tau)))
-        for ax, (key, _) in zip(axes, sides, strict=True):
+    for key, text in sides:
+        figure, ax = new_panel()
+        for name, (curve, tau) in curves.items():
+            chosen = int(np.argmin(np.abs(np.asarray(curve["tau"]) - tau)))
             colour = colour_of(name, list(curves))
             ax.plot(curve[key], curve["f1"], color=colour, linewidth=1.6, label=f"{label_of(name)}, tau {tau:.2f}")
             ax.plot(curve[key][chosen], curve["f1"][chosen], "o", color=colour, markersize=8, fillstyle="none")
-    for ax, (_, text) in zip(axes, sides, strict=True):
-        tidy(ax, text, "F1", "")
-        ax.legend(fontsize=8, frameon=False, loc="lower right" if ax is axes[0] else "lower center")
-    return figure
+        tidy(ax, text, "F1")
+        ax.legend(fontsize=8, frameon=False, loc="lower right" if key == "rmse_pose" else "lower center")
+        figures.append(figure)
+    return figures
 
 
-def reliability_figure(curves: Mapping[str, Sequence[Mapping[str, float]]]) -> Figure:
-    """Share of cases that hold against the predicted probability; the size of a point is the number of cases."""
-    figure = new_figure(4.6, 4.2)
-    _draw_reliability(figure.subplots(), curves, "predicted p_stable", "share that holds")
+def reliability_figure(curves: Mapping[str, Sequence[Mapping[str, float]]], x: str, y: str) -> Figure:
+    """How often something is so against its predicted probability; the size of a point is the number of cases."""
+    figure, ax = new_panel()
+    _draw_reliability(ax, curves, x, y)
     return figure
 
 
@@ -290,67 +286,60 @@ def _draw_reliability(ax: Axes, curves: Mapping[str, Sequence[Mapping[str, float
     ax.legend(fontsize=8, frameon=False)
 
 
-def sure_figure(
-    slides: Mapping[str, Sequence[Mapping[str, float]]], refusal: Mapping[str, Mapping[str, Sequence[float]]]
-) -> Figure:
-    """Share of cases that slid against p_slide, and the error that is left against the share of cases refused."""
-    figure = new_figure(5.2 * (bool(slides) + bool(refusal)), 3.9)
-    axes = list(figure.subplots(1, bool(slides) + bool(refusal), squeeze=False)[0])
-    if slides:
-        _draw_reliability(axes.pop(0), slides, "predicted p_slide", "share that slid")
-    if refusal:
-        for name, curve in refusal.items():
-            shares = [100 * share for share in curve["refused"]]
-            axes[0].plot(shares, curve["rmse_pose"], color=colour_of(name, list(refusal)), label=label_of(name))
-        tidy(axes[0], "refused, % of the stable cases", "RMSE_pose of the others")
-        axes[0].set_ylim(bottom=0)
-        axes[0].legend(fontsize=8, frameon=False)
+def refusal_figure(curves: Mapping[str, Mapping[str, Sequence[float]]]) -> Figure:
+    """The error that is left against the share of cases refused."""
+    figure, ax = new_panel()
+    for name, curve in curves.items():
+        shares = [100 * share for share in curve["refused"]]
+        ax.plot(shares, curve["rmse_pose"], color=colour_of(name, list(curves)), label=label_of(name))
+    tidy(ax, "refused, % of the stable cases", "RMSE_pose of the others")
+    ax.set_ylim(bottom=0)
+    ax.legend(fontsize=8, frameon=False)
     return figure
-
-
-def picture(title: str, caption: str, figure: Figure) -> Picture:
-    return Picture(title, caption, base64.b64encode(to_png(figure)).decode())
 
 
 def pictures(inputs: ReportInputs) -> list[Picture]:
     """All figures that the inputs have data for."""
     made = []
     if inputs.grasp is not None:
-        figure, caption = draw_grasp(inputs.grasp)
-        made.append(picture("A grasp under load", caption, figure))
+        figures, caption = draw_grasp(inputs.grasp)
+        made.append(picture("A grasp under load", caption, figures, branch_key(inputs.grasp.hand)))
     if inputs.true_dx is not None and inputs.predicted_dx:
         caption = "Stable load cases. A point on the line is a motion of the right size."
         made.append(
             picture(
                 "Predicted against simulated displacement",
                 caption,
-                displacement_figure(inputs.true_dx, inputs.predicted_dx),
+                displacement_figures(inputs.true_dx, inputs.predicted_dx),
             )
         )
     if inputs.signed_work:
         caption = (
             "Load cases predicted stable. A passive grasp yields with the load: w·dx is above zero. For the force "
             "alone that is not so for every true motion when a moment acts as well. Loads without a force are left out "
-            "of the drawing on the right."
+            "of its own drawing."
         )
-        figure = work_figure(inputs.signed_work, inputs.signed_work_translational)
-        made.append(picture("Signed work", caption, figure))
+        figures = work_figures(inputs.signed_work, inputs.signed_work_translational)
+        made.append(picture("Signed work", caption, figures))
     if inputs.operating:
         caption = "Validation data, along the threshold on p_stable. Rings: the thresholds stored with the models."
-        made.append(picture("Operating point", caption, operating_figure(inputs.operating)))
+        made.append(picture("Operating point", caption, operating_figures(inputs.operating)))
     if inputs.reliability:
         caption = "On the line, a share p of the cases with probability p holds. Large points: many cases."
-        made.append(picture("Calibration of p_stable", caption, reliability_figure(inputs.reliability)))
+        figure = reliability_figure(inputs.reliability, "predicted p_stable", "share that holds")
+        made.append(picture("Calibration of p_stable", caption, [figure]))
     if inputs.slide_reliability or inputs.refusal:
         caption = (
             "Stable load cases. On the line, a contact slid in a share p of the cases with p_slide p. Refused are the "
             "cases of which a model is least sure: few cases, most of which slid, make most of the error."
         )
-        figure = sure_figure(inputs.slide_reliability, inputs.refusal)
-        made.append(picture("How sure the models are of a motion", caption, figure))
+        slides, refusal = inputs.slide_reliability, inputs.refusal
+        figures = [reliability_figure(slides, "predicted p_slide", "share that slid")] if slides else []
+        figures += [refusal_figure(refusal)] if refusal else []
+        made.append(picture("How sure the models are of a motion", caption, figures))
     if inputs.histories:
         made.append(
-            picture("Training", "Dashed: training data; solid: validation data.", training_figure(inputs.histories))
+            picture("Training", "Dashed: training data; solid: validation data.", training_figures(inputs.histories))
         )
     return made
 
@@ -401,31 +390,50 @@ def difference_table(verification: Mapping[str, Value]) -> tuple[list[str], list
     return [TARGETS[t] for t in targets], cells
 
 
-def write_page(template: str, out_html: AnyPath, **values: object) -> None:
-    """Fill in a template of this folder and write the page, atomically."""
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(Path(__file__).parent),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
+def headings_of(columns: Mapping[str, Column]) -> list[str | tuple[str, str]]:
+    """The headings of a table of models."""
+    return ["model", *((column.title, column.unit) for column in columns.values())]
+
+
+def conclusion(rows: Sequence[Mapping[str, Value]]) -> str:
+    """What the table says, in a sentence; nothing where no trained model is in it."""
+    error = "relative_error_median_all"
+    known = {str(row["model"]): row for row in rows if _number(row, error)}
+    learned = sorted((name for name in known if name not in BASELINES), key=lambda name: _number(known[name], error))
+    if not learned:
+        return ""
+    best, *others = [*learned, *(name for name in ("analytical",) if name in known)]
+    beside = ", ".join(f"{label_of(name)} {_number(known[name], error):.1%}" for name in others)
+    return (
+        f"{label_of(best)} tells whether a grasp holds with an F1 of {_number(known[best], 'f1'):.3f}, and how far the "
+        f"tool moves with a median relative error of {_number(known[best], error):.1%}"
+        + (f"; {beside}." if beside else ".")
     )
-    write_atomically(Path(out_html), environment.get_template(template).render(**values).encode())
+
+
+def _number(row: Mapping[str, Value], key: str) -> float:
+    """A figure; 0 where there is none."""
+    value = row.get(key)
+    return value if isinstance(value, float) and math.isfinite(value) else 0.0
 
 
 def write_report(inputs: ReportInputs, out_html: AnyPath) -> None:
     """Write the page, atomically."""
-    headings, differences = difference_table(inputs.verification)
+    targets, differences = difference_table(inputs.verification)
     write_page(
-        "report.html.j2",
+        Path(__file__).with_name("report.html.j2"),
         out_html,
         inputs=inputs,
-        columns=COLUMNS.values(),
+        conclusion=conclusion(inputs.rows),
+        ours=label_of("aminn"),
+        headings=headings_of(COLUMNS),
         rows=result_table(inputs.rows),
-        sure_columns=SURE_COLUMNS.values(),
+        sure_headings=headings_of(SURE_COLUMNS),
         sure_rows=result_table([row for row in inputs.rows if "bound_coverage" in row], SURE_COLUMNS),
-        headings=headings,
+        targets=targets,
         differences=differences,
+        told=told_reports(inputs.reports),
+        provenance=_cells(inputs.provenance),
         dataset=_cells(inputs.dataset),
         reports=[(name, _cells(figures)) for name, figures in inputs.reports.items()],
         pictures=pictures(inputs),

@@ -96,15 +96,17 @@ def clear_run(folder: Path) -> None:
     (folder / FILE).unlink(missing_ok=True)
 
 
+def flat_settings(value: object, prefix: str = "") -> dict[str, object]:
+    """Settings by dotted key; members of a list go by their index."""
+    if isinstance(value, list | tuple):
+        value = dict(enumerate(value))
+    if not isinstance(value, dict):
+        return {prefix: value}
+    inner = ((f"{prefix}.{name}".strip("."), part) for name, part in value.items())
+    return {k: v for name, part in inner for k, v in flat_settings(part, name).items()}
+
+
 def differences(found: dict, wanted: dict) -> list[str]:
     """Dotted keys at which two identities differ."""
-
-    def flat(value: object, prefix: str = "") -> dict[str, object]:
-        if isinstance(value, list | tuple):
-            value = dict(enumerate(value))
-        if not isinstance(value, dict):
-            return {prefix: value}
-        return {k: v for name, inner in value.items() for k, v in flat(inner, f"{prefix}.{name}".strip(".")).items()}
-
-    a, b = flat(found), flat(wanted)
+    a, b = flat_settings(found), flat_settings(wanted)
     return sorted(key for key in a.keys() | b.keys() if a.get(key) != b.get(key))

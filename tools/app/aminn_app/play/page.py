@@ -19,7 +19,7 @@ from aminn.data.origin import differences
 from aminn.data.sensors import truth
 from aminn.hand.nominal import nominal_of
 from aminn.model.checkpoint import load_checkpoint
-from aminn.pages.grasp_picture import BRANCH_COLOURS, GHOST, LOAD_COLOUR, TOOL_COLOUR, tool_of
+from aminn.pages.grasp_picture import GHOST, TOOL_COLOUR, tool_of
 from aminn_base.errors import AminnError
 from aminn_base.files import check_outputs, write_atomically
 from aminn_export.export import export
@@ -28,6 +28,7 @@ from aminn_export.files.hand_header import HAND_HEADER, header_beside
 from aminn_export.files.tables import STAGES, dims_of
 from aminn_export.replay.wasm import build_wasm, javascript_side
 from aminn_hand import Hand
+from aminn_hand.drawing import BRANCH_COLOURS, LOAD_COLOUR
 from aminn_hand.hand import N_WRENCH
 from aminn_rt.hand_header import counts_of, hand_header
 from aminn_rt.model import model_file
