@@ -109,7 +109,11 @@ def _show_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> N
 def main() -> None:
     """Predict how a robot hand's grasp gives way under load.
 
-    Simulate, train, evaluate, calibrate, explain, export, verify, compare, report, play.
+    Simulate, train, sweep, evaluate, compare, calibrate, explain, export, verify, report, play.
+
+    \b
+    Complete names by the Tab key (bash; zsh and fish alike, with their names):
+      eval "$(_AMINN_COMPLETE=bash_source aminn)"
     """
 
 
@@ -306,6 +310,39 @@ def train(
         f"{config.kind}: {meta['n_parameters']} parameters, tau {meta['tau']:.4f}, "
         f"F1 {meta['validation']['f1']:.3f} on validation grasps, in {out}"
     )
+
+
+@main.command()
+@click.argument("grid", type=READABLE)
+@click.option("--data", type=DATA, required=True, help="Folder that `aminn simulate` wrote.")
+@click.option("--out", type=FOLDER, required=True, help="Folder of the runs, one folder each.")
+@click.option("--jobs", type=click.IntRange(1), default=None, help="Runs side by side  [default: all cores]")
+@click.option("--tensorboard/--no-tensorboard", default=True, show_default=True, help="Curves of each run.")
+def sweep(grid: Path, data: Path, out: Path, jobs: int | None, tensorboard: bool) -> None:
+    """Train every combination of the settings in GRID, a TOML file, and compare them.
+
+    \b
+    Its table [grid] has a list for each setting that varies; the rest is what all runs share, as in train --config:
+      epochs = 40
+      [grid]
+      seed = [0, 1, 2]
+      kind = ["aminn", "mlp"]
+      model.width = [32, 64]
+
+    Each run has one thread and a folder named by its settings. Interrupt or kill it at will: the same command goes on.
+    A run that fails is named, and the others go on. The table at the end is that of `aminn compare`; OUT/sweep.json has
+    every figure, OUT/sweep.html the training curves.
+    """
+    from .run_comparison import compare_runs
+    from .sweep import read_grid, run_sweep
+
+    finished, failed = run_sweep(read_grid(grid), data, out, jobs, tensorboard)
+    if finished:
+        compare_runs(finished, None, out / "sweep.html", out / "sweep.json", [("grid", str(grid)), ("data", str(data))])
+    for name, error in failed.items():
+        click.echo(f"{name}: {error}", err=True)
+    if failed:
+        raise click.ClickException(f"{len(failed)} of {len(failed) + len(finished)} runs failed")
 
 
 @main.command()
@@ -567,17 +604,47 @@ def verify(
 
 
 @main.command(cls=Judges)
-@click.argument("files", type=READABLE, nargs=-1, required=True)
-@click.option("--show", type=click.IntRange(0), default=10, show_default=True, help="Print so many numbers.")
-@click.option("--json", "json_file", type=NEW_FILE, help="Write the figures here, and each number that differs.")
-@click.option("--junit", "junit_file", type=NEW_FILE, help="Write a test case an output, for a build server.")
-def compare(files: tuple[Path, ...], show: int, json_file: Path | None, junit_file: Path | None) -> None:
-    """Compare results of a replay: WANT.bin GOT.bin, or MODEL.bin VECTORS.bin RESULTS.bin.
+@click.argument("paths", type=FILE_OR_FOLDER, nargs=-1, required=True, metavar="RUN... | FILE...")
+@click.option("--data", type=DATA, help="Runs: figures on the test grasps of this data set, not on validation grasps.")
+@click.option("--page", type=NEW_FILE, help="Runs: write a page with table and training curves here (HTML).")
+@click.option("--json", "json_file", type=NEW_FILE, help="Write the figures here; of files each number that differs.")
+@click.option("--show", type=click.IntRange(0), default=10, show_default=True, help="Files: print so many numbers.")
+@click.option("--junit", "junit_file", type=NEW_FILE, help="Files: write a test case an output, for a build server.")
+def compare(
+    paths: tuple[Path, ...],
+    data: Path | None,
+    page: Path | None,
+    json_file: Path | None,
+    show: int,
+    junit_file: Path | None,
+) -> None:
+    """Compare trained models (RUN...), or results of a replay (WANT.bin GOT.bin, or MODEL.bin VECTORS.bin RESULTS.bin).
+
+    \b
+    Three seeds of each model, and how they learned:
+      aminn compare runs/aminn-* runs/mlp-* --page runs.html
+
+    Runs that differ in nothing but the seed make one row, mean and standard deviation; a row is called by the settings
+    in which it differs from others. The figures are those on the validation grasps that chose each run.
 
     Two result files must have the same bits. Results of a vector file may differ from its reference by the limits of
     docs/export.md. Files are told apart by what they hold. Exit code 0: the same; 1: something differs; 3: it cannot
     be told, since a file is damaged or empty. `aminn_compare` does the same without Python.
     """
+    folders = [path for path in paths if path.is_dir()]
+    if folders and len(folders) < len(paths):
+        raise click.UsageError("give folders of runs, or files of a replay, not both")
+    if junit_file if folders else data or page:
+        raise click.UsageError("--junit is for files of a replay, --data and --page are for runs")
+    if folders:
+        from .run_comparison import compare_runs
+
+        compare_runs(folders, data, page, json_file)
+    else:
+        _compare_results(paths, show, json_file, junit_file)
+
+
+def _compare_results(files: tuple[Path, ...], show: int, json_file: Path | None, junit_file: Path | None) -> None:
     from aminn_base.files import check_outputs
     from aminn_export.judge.compare import compare_files
     from aminn_export.judge.verdict_report import Case, shown, write_junit, write_verdict

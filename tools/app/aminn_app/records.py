@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter
 
+from aminn.evaluation.metrics import spread
+
 Figures = dict[str, float]
 Parts = dict[str, Figures]
 """Figures of a test set by its parts; "" is the whole set."""
@@ -63,11 +65,6 @@ def over_seeds(test: str, model: str, share: float, runs: Iterable[tuple[int, Pa
                 mean[figure], sd[figure] = float(np.mean(values)), spread(values)
         rows.append(Row(test, model, mean, sd, len({seed for seed, _ in runs}), share, part, inputs))
     return rows
-
-
-def spread(values: list[float]) -> float:
-    """Standard deviation of a sample; 0 for a single value."""
-    return float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
 
 
 @dataclass(frozen=True)

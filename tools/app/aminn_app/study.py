@@ -13,24 +13,22 @@ from __future__ import annotations
 
 import io
 import json
-import multiprocessing
-import os
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import closing
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
 
-from aminn.data.dataset import Dataset, load_dataset
+from aminn.data.dataset import Dataset
 from aminn.data.regimes import REGIMES, SELECTION, known, regimes
 from aminn.data.sensors import PRESETS, sensed
 from aminn.evaluation.analysis import NOISE_FACTORS, breakdown, compliance_figures, gate_figures, noise_figures
 from aminn.evaluation.evaluate import baselines, figures_of, label_figures, learned
+from aminn.evaluation.metrics import spread
 from aminn.evaluation.paired import Resampled, compared, resampled
 from aminn.model.checkpoint import Checkpoint
 from aminn.model.config import SensorDraws, TrainConfig
@@ -41,7 +39,8 @@ from aminn_base.program import Messages
 
 from .paper_table import aims_report, read_study, write_tables
 from .pipeline import anew_if_outdated
-from .records import WHOLE, Facts, Parts, Row, Study, against, over_seeds, spread
+from .processes import data_of, side_by_side, workers_for
+from .records import WHOLE, Facts, Parts, Row, Study, against, over_seeds
 
 # To be raised with every change of the figures, so that those of kept runs are taken again.
 FIGURES_VERSION = 4
@@ -175,11 +174,6 @@ JOBS: dict[str, Callable[[int, int], Iterator[Job]]] = {
 }
 
 
-@cache
-def _data(path: Path) -> Dataset:
-    return load_dataset(path)
-
-
 def _tests(data: Dataset, study: str, fraction: float) -> dict[str, Dataset]:
     """Where a run is judged. The one place that reads test grasps, and for `paper` alone."""
     if study != "paper":
@@ -243,7 +237,7 @@ def judge(checkpoint: Checkpoint, tests: dict[str, Dataset], study: str) -> Foun
 
 def _run(study: str, job: Job, folder: Path, path: Path, position: int) -> Found:
     """Train one run and judge it, or read what an earlier call found."""
-    data = _data(path)
+    data = data_of(path)
     part = known(data)
     identity = identity_of(job.config, part.sha256) | {"figures_version": FIGURES_VERSION, "inputs": INPUTS}
     file = folder / "figures" / f"{job.name}.json"
@@ -345,14 +339,14 @@ def main(study: str, data: Path, build: Path, seeds: int, curve_seeds: int, jobs
     """Run a study and write its figures to build/reports/STUDY.json, its tables to STUDY.md."""
     folder, reports = build / "studies" / study, build / "reports"
     planned = JOBS[study](seeds, curve_seeds)
-    waiting = [job for job in planned if _enough(known(_data(data)), job.config.train_fraction)]
-    facts, still = (_facts(_data(data)), _still(_data(data))) if study == "paper" else ({}, [])
-    workers = min(len(waiting), jobs or len(os.sched_getaffinity(0)))
+    waiting = [job for job in planned if _enough(known(data_of(data)), job.config.train_fraction)]
+    facts, still = (_facts(data_of(data)), _still(data_of(data))) if study == "paper" else ({}, [])
+    workers = workers_for(len(waiting), jobs)
     done: dict[Job, Found] = {}
-    with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
-        futures = {pool.submit(_run, study, job, folder, data, k % workers): job for k, job in enumerate(waiting)}
-        for future in as_completed(futures):
-            done[futures[future]] = future.result()
+    calls = {job: (study, job, folder, data, k % workers) for k, job in enumerate(waiting)}
+    with closing(side_by_side(_run, calls, workers)) as ended:
+        for job, of_run in ended:
+            done[job] = of_run
             runs: Facts = {"runs": len(done), "runs_planned": len(waiting)}
             found = summarise(study, done, facts | runs, still)
             write_json(folder / "rows.json", found.as_json())

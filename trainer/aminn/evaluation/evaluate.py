@@ -112,13 +112,13 @@ def names_of(checkpoints: list[Checkpoint]) -> list[str]:
         raise AminnError(f"{max(places, key=places.count)}: this run is given twice; give each run once")
     kinds = [c.model.kind for c in checkpoints]
     shared = [place for place, kind in zip(places, kinds, strict=True) if kinds.count(kind) > 1]
-    taken = {_key(text) for names in (BASELINES, KIND_NAMES) for pair in names.items() for text in pair}
+    taken = {flat_key(text) for names in (BASELINES, KIND_NAMES) for pair in names.items() for text in pair}
     names: list[str] = []
     for place, kind in zip(places, kinds, strict=True):
         name = _tail(place, shared) if place in shared else kind
-        if place in shared and _key(name) in taken - {kind}:
+        if place in shared and flat_key(name) in taken - {kind}:
             name = f"run {name}"
-        while _key(name) in map(_key, names):
+        while flat_key(name) in map(flat_key, names):
             name += "_"
         names.append(name)
     return names
@@ -133,7 +133,7 @@ def _tail(place: Path, others: list[Path]) -> str:
     return "/".join(tail)
 
 
-def _key(name: str) -> str:
+def flat_key(name: str) -> str:
     """A name as part of a flat key."""
     return re.sub(r"\W+", "_", name).lower()
 
@@ -361,7 +361,7 @@ def flat_report(evaluation: Evaluation) -> dict[str, float | str]:
     report: dict[str, float | str] = {"split": evaluation.split, "notes": "; ".join(evaluation.notes)}
     for name, figures in (*evaluation.table.items(), ("label", evaluation.labels)):
         for key, value in figures.items():
-            whole = f"{_key(name)}_{key}"
+            whole = f"{flat_key(name)}_{key}"
             if whole in report:
                 raise AminnError(f"two figures are both called {whole}; rename the folder of the run {name}")
             report[whole] = value

@@ -7,6 +7,7 @@ the two rotations.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -98,6 +99,11 @@ def pose_error(pred: Array, true: Array, length_m: float) -> Array:
 def rms(v: Array) -> float:
     """Root of the mean square; nan where there is nothing to average."""
     return float(np.sqrt(np.mean(v**2))) if len(v) else float("nan")
+
+
+def spread(values: Sequence[float]) -> float:
+    """Standard deviation of a sample; 0 for a single value."""
+    return float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
 
 
 def f1_score(stable_pred: Mask, stable_true: Mask) -> float:

@@ -224,13 +224,13 @@ def _complaint(error: Any) -> str:
     return f"{place}: {error['msg'][0].lower()}{error['msg'][1:]}, not {error['input']!r}"
 
 
-def _set(values: dict, key: str, value: object) -> None:
-    """Put `value` at a dotted key of nested dictionaries."""
+def put_setting(values: dict, key: str, value: object) -> None:
+    """Put `value` at a dotted key of nested dictionaries. Raises AminnError where a table of it is a single value."""
     *tables, name = key.split(".")
     for table in tables:
         values = values.setdefault(table, {})
         if not isinstance(values, dict):
-            raise AminnError(f"--set {key}: {table} is a single value, not a table")
+            raise AminnError(f"{key}: {table} is a single value, not a table")
     values[name] = value
 
 
@@ -252,7 +252,7 @@ def load_config(file: AnyPath | None = None, overrides: Sequence[str] = (), **gi
         key, equals, text = override.partition("=")
         if not equals or not key:
             raise AminnError(f"--set {override}: expected key=value, as in loss.relative=0.05")
-        _set(values, key.strip(), _parsed(text.strip()))
+        put_setting(values, key.strip(), _parsed(text.strip()))
     return build_config(TrainConfig, values, str(file) if file and not overrides else "configuration")
 
 
