@@ -300,12 +300,20 @@ def test_operating_curve_contains_what_tau_was_chosen_from(runs: dict[str, Check
 
 def test_tensorboard_curves(dataset: Dataset, tmp_path: Path) -> None:
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+    from tensorboard.plugins.hparams.plugin_data_pb2 import HParamsPluginData
 
     run = train(SHORT, dataset, tmp_path, tensorboard=True)
     events = EventAccumulator(str(tmp_path / train_module.BOARD)).Reload()
     for stage in ("stage1", "stage2"):
         values = [event.value for event in events.Scalars(f"{stage}/validation")]
         np.testing.assert_allclose(values, run.meta["history"][stage]["validation"], rtol=1e-6)
+    best = int(np.argmin(run.meta["history"]["stage2"]["validation"]))  # whose weights were kept
+    errors = [event.value for event in events.Scalars("stage2/rmse_pose")]
+    assert errors[best] == pytest.approx(run.meta["validation"]["rmse_pose_all"], rel=1e-4)
+    assert len(events.Scalars("stage1/f1")) == SHORT.epochs
+    assert events.Scalars("validation/f1")[0].value == pytest.approx(run.meta["validation"]["f1"])
+    start = HParamsPluginData.FromString(events.PluginTagToContent("hparams")["_hparams_/session_start_info"])
+    assert start.session_start_info.hparams["epochs"].number_value == SHORT.epochs
 
 
 def test_two_runs_of_a_kind_have_rows_of_their_own(

@@ -8,7 +8,7 @@ last finished epoch and ends in the same bytes.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -29,7 +29,7 @@ from ..data.dataset import MEASURED, Dataset
 from ..data.origin import check_hand
 from ..data.sensors import SEED, draw, drawn, tells_all, truth, with_sensors
 from ..evaluation.evaluate import figures_of, predicted
-from ..evaluation.metrics import choose_tau, operating_curve, pose_error
+from ..evaluation.metrics import choose_tau, f1_score, operating_curve, pose_error, rms
 from ..evaluation.predict import predict
 from ..hand.symmetry import Reflection
 from ..model.baseline import Mlp, MlpStage, n_parameters
@@ -44,6 +44,7 @@ from .run_state import (
     clear_run,
     damaged,
     differences,
+    flat_settings,
     load_run,
     named,
     optimiser_tensors,
@@ -55,6 +56,10 @@ from .sure import fit_sure
 # To be raised with every change of the trainer that changes what a run results in.
 TRAINING_VERSION = 7
 BOARD = "tensorboard"
+BOARD_FIGURES = ("f1", "rmse_pose_all", "relative_error_median_all")
+"""On validation data, beside a run's settings."""
+SCALAR = (bool, int, float, str)
+"""What TensorBoard takes as a setting."""
 LEAST_GRASPS = {"train": 5, "validation": 2}
 Inputs = dict[str, Tensor]
 Terms = dict[str, Tensor]
@@ -66,6 +71,7 @@ class _Stage:
 
     name: str
     module: nn.Module
+    length_m: float
     terms: Callable[[Inputs, Tensor], Terms]
     train: tuple[Inputs, Tensor]
     validation: tuple[Inputs, Tensor]
@@ -122,10 +128,13 @@ def _stages(
     if new and isinstance(model, Mlp):
         model.stage2.out_scale.copy_(motion[held, :N_WRENCH].std(0))
     stage1 = _stage1_terms(model.stage1)
-    stage2 = _stage2_terms(model.stage2, config.loss, train.hand.length_m)
+    length_m = train.hand.length_m
+    stage2 = _stage2_terms(model.stage2, config.loss, length_m)
     return [
-        _Stage("stage1", model.stage1, stage1, (x, stable.float()), (xv, stable_v.float())),
-        _Stage("stage2", model.stage2, stage2, (stable_x, motion[held]), (_select(xv, held_v), motion_v[held_v])),
+        _Stage("stage1", model.stage1, length_m, stage1, (x, stable.float()), (xv, stable_v.float())),
+        _Stage(
+            "stage2", model.stage2, length_m, stage2, (stable_x, motion[held]), (_select(xv, held_v), motion_v[held_v])
+        ),
     ]
 
 
@@ -316,6 +325,17 @@ class _Loop:
         )
 
 
+def _validation_figures(stage: _Stage) -> dict[str, float]:
+    """F1 at even odds of stage 1, RMSE_pose of stage 2, on validation data: what the losses stand for."""
+    x, y = stage.validation
+    with torch.no_grad():
+        out = stage.module(x)
+    found = (out[0] if isinstance(out, tuple) else out).double().numpy()
+    if found.ndim == 1 or found.shape[-1] == 1:
+        return {"f1": f1_score(found.reshape(-1) > 0, y.numpy() > 0)}
+    return {"rmse_pose": rms(pose_error(found, y[:, :N_WRENCH].double().numpy(), stage.length_m))}
+
+
 class _Board:
     """TensorBoard curves of a run, or nothing."""
 
@@ -337,10 +357,19 @@ class _Board:
 
     def epoch(self, loop: _Loop, epoch: int) -> None:
         if self.writer is not None:
+            shown = {part: values[-1] for part, values in loop.history.items()}
+            shown |= {"learning_rate": float(loop.schedule.get_last_lr()[0])} | _validation_figures(loop.stage)
             with self._told(Path(self.writer.log_dir)):
-                for part, values in loop.history.items():
-                    self.writer.add_scalar(f"{loop.stage.name}/{part}", values[-1], epoch)
-                self.writer.add_scalar(f"{loop.stage.name}/learning_rate", loop.schedule.get_last_lr()[0], epoch)
+                for name, value in shown.items():
+                    self.writer.add_scalar(f"{loop.stage.name}/{name}", value, epoch)
+
+    def result(self, config: TrainConfig, figures: Mapping[str, float]) -> None:
+        """The settings beside the figures that they led to."""
+        if self.writer is not None:
+            settings = {k: v if isinstance(v, SCALAR) else str(v) for k, v in flat_settings(asdict(config)).items()}
+            kept = {f"validation/{name}": figures[name] for name in BOARD_FIGURES}
+            with self._told(Path(self.writer.log_dir)):
+                self.writer.add_hparams(settings, kept, run_name=".")
 
     def close(self) -> None:
         if self.writer is not None:
@@ -430,7 +459,10 @@ def train(
         if finished is not None:
             return finished
         resumed = load_run(out, identity)
-        history = _optimise(model, stages, config, mirror, out, identity, resumed, bar_position, tensorboard, least)
+        with _whole_run(out):
+            done = 0 if resumed is None else resumed.progress["stage"] * config.epochs + resumed.progress["epoch"]
+        board = _Board(out / BOARD if tensorboard else None, done)
+        history = _optimise(model, stages, config, mirror, out, identity, resumed, bar_position, board, least)
         sure = fit_sure(model, seen["train"], seen["validation"], config.sensing, started=not new)
         meta = _result(model, parts, dataset, None if decided else finetune)
         meta |= {"seed": config.seed, "identity": identity, "history": history, "sure": sure}
@@ -438,6 +470,8 @@ def train(
             trained_on = finetune.meta.get("identity", {}).get("data_sha256", "")
             meta["finetuned"] = {"sha256": finetune.sha256, "data_sha256": trained_on, "validation": least}
         (out / CARD).unlink(missing_ok=True)  # it would be held against the new files
+        board.result(config, meta["validation"])
+        board.close()
         save_checkpoint(out, model, meta)
         checkpoint = load_checkpoint(out)
         write_card(checkpoint)
@@ -469,7 +503,7 @@ def _optimise(
     identity: dict,
     resumed: RunState | None,
     bar_position: int,
-    tensorboard: bool,
+    board: _Board,
     least: dict[str, float],
 ) -> dict:
     """Train the stages in turn, from `resumed` on, and leave each with its best weights; returns the history.
@@ -482,7 +516,6 @@ def _optimise(
             model.load_state_dict(resumed.part("model"))
             progress = {k: resumed.progress[k] for k in progress}
             _ = range(len(stages))[progress["stage"]], range(progress["epoch"])
-    board = _Board(out / BOARD if tensorboard else None, progress["stage"] * config.epochs + progress["epoch"])
     for index in range(progress["stage"], len(stages)):
         loop = _Loop(stages[index], config, mirror, least.get(stages[index].name, np.inf))
         loop.seed(index)
@@ -506,7 +539,6 @@ def _optimise(
             save_run(out, identity, loop.state(model, progress))
         loop.stage.module.load_state_dict(loop.best)
         loop.stage.module.eval()
-    board.close()
     return progress["history"]
 
 
