@@ -226,6 +226,10 @@ play: setup-python setup-host $(STAMPS)/apt-wasm $(STAMPS)/browser ## a page to 
 	  --replay $(HOST)/runtime/aminn_replay --shots $(BUILD)/play --report $(REPORTS)/play.json
 	@echo "Page: $(BUILD)/play.html, screenshots: $(BUILD)/play, report: $(REPORTS)/play.json"
 
+.PHONY: pages
+pages: setup-python setup-view $(STAMPS)/browser ## report, card, gallery, runs and explain of a small data set, looked at in Chromium at 390 and 1280 pixels
+	@PYTHONPATH=$(BUILD)/browser $(PYTHON) tests/pages/browser.py --work $(BUILD)/pages --report $(REPORTS)/pages.json
+
 .PHONY: consumers
 consumers: setup-python $(STAMPS)/apt-fuzz ## the ONNX model in OpenVINO, IREE, tract, tinygrad and others, against float64 (ONLY="iree tract")
 	@CC=clang-14 $(PYTHON) tests/consumers/run.py --model tests/golden --work $(BUILD)/consumers \
