@@ -44,10 +44,10 @@ WITHOUT_TORCH: dict[str, list[str]] = {
     "simulate": ["aminn", "simulate", "--out", "data", *SIMULATED],
     "card": ["aminn", "card", "--data", "data"],
     "gallery": ["aminn", "gallery", "--data", "data", "--count", "2"],
-    "hand_columns": ["aminn", "hand", "columns", "data", "--out", "pushes.csv"],
     "runtime_of_another_hand": ["python", "-c", RUNTIME],
 }
 WITH_TORCH: dict[str, list[str]] = {
+    "hand_columns": ["aminn", "hand", "columns", "data", "--out", "pushes.csv"],
     "train": ["aminn", "train", "--data", "data", "--out", "run", "--epochs", "2", "--no-tensorboard"],
     "evaluate": ["aminn", "evaluate", "--data", "data", "--run", "run"],
     "report": ["aminn", "report", "--data", "data", "--run", "run", "--out", "report.html"],
