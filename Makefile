@@ -168,6 +168,12 @@ fuzz: $(STAMPS)/fuzz ## the library against arbitrary models and inputs, with cl
 	@python3 tests/fuzz/run.py --build $(FUZZ) --seconds $(FUZZ_SECONDS) --report $(REPORTS)/fuzz.json
 	@echo "No crash. Report: $(REPORTS)/fuzz.json"
 
+.PHONY: corrupt
+corrupt: setup-python setup-host-tests ## the reference model with each byte changed three ways, and cut at each length: all refused (ten minutes)
+	@$(PYTHON) tests/runtime/corrupt.py $(HOST)/tests/runtime/aminn_corrupt tests/golden/aminn_model.bin \
+	  --report $(REPORTS)/reliability.json
+	@echo "Report: $(REPORTS)/reliability.json"
+
 .PHONY: crash
 crash: setup-python ## a simulation killed at random moments (KILLS=50), resumed, and compared with an undisturbed one
 	@$(PYTHON) tests/sim/crash.py --kills $(KILLS) --report $(REPORTS)/crash.json

@@ -1,0 +1,26 @@
+"""Try every damage of one byte, and every cut, on a binary model; add the figures to a report.
+
+corrupt.py PROGRAM MODEL.bin --report build/reports/reliability.json
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+from pathlib import Path
+
+from aminn_base.files import write_json
+from aminn_base.read import read_json
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("program", type=Path)
+    parser.add_argument("model", type=Path)
+    parser.add_argument("--report", type=Path, required=True)
+    args = parser.parse_args()
+    done = subprocess.run([args.program.resolve(), args.model], stdout=subprocess.PIPE, text=True, check=True)
+    found = json.loads(done.stdout)
+    before = read_json(args.report, "a report") if args.report.is_file() else {"aims_missed": ""}
+    write_json(args.report, before | found)
+    print("\n".join(f"{name} {value}" for name, value in found.items()))
