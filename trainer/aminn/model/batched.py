@@ -69,6 +69,21 @@ def inverse_3x3(m: Tensor) -> Tensor:
     return adjugate / (m[0] * adjugate[:, 0]).sum(0)
 
 
+def inverse_stiff(m: Tensor) -> Tensor:
+    """Inverses of positive definite matrices (n, n, ...) with eigenvalues of many sizes, whose cofactors would be lost.
+
+    Row 0 is eliminated, so that what is left of the others is rounded beside its own size.
+    """
+    if m.shape[0] < 3:
+        return inverse(m)
+    row = m[0, 1:] / m[0, 0]  # (n - 1, ...)
+    tail = inverse_stiff(m[1:, 1:] - m[1:, :1] * row)
+    upper = -times(tail, row)
+    corner = 1 / m[0, 0] - (row * upper).sum(0)
+    first = torch.cat([corner[None], upper])
+    return torch.cat([first[None], torch.cat([upper[:, None], tail], 1)])
+
+
 def inverse(m: Tensor, symmetric: bool = True) -> Tensor:
     """Inverses of matrices (n, n, ...) that need no pivoting, as positive definite ones, by blocks of at most 3."""
     n = m.shape[0]

@@ -6,6 +6,10 @@ undivided form, kept for the test that shows the two equal):
 
     K_x = sum_b c_b A_b^T (B_b K_b^-1 B_b^T + eps_M I)^-1 A_b + eps_Kx I
 
+A fingertip is up to 1e5 times as stiff along its bones as across, and the inverse above would lose the one beside the
+other. So the layer takes H = (K_b + B_b^T B_b / eps_M)^-1, how joints give by torques while the contact is held,
+V = H B_b^T / eps_M, how they follow the contact, and the energy of both: V^T K_b V + (I - B_b V)^T (I - B_b V) / eps_M.
+
 Pass 2 adds a tendon to each branch, k_b g_b d_b d_b^T, which changes what pass 1 found by matrices of rank 1. The layer
 has one adjoint for both passes and for contacts that slide, written out: the gradient of a solve is a second solve with
 the same inverse, far cheaper than differentiating each step.
@@ -31,6 +35,7 @@ from .batched import (
     batch_last,
     inverse,
     inverse_3x3,
+    inverse_stiff,
     outer,
     product,
     reversed_axes,
@@ -155,11 +160,11 @@ class Response(NamedTuple):
     def _k(self, slide: Tensor | None) -> Tensor:
         """Scaled K_x (6, 6, N) with compliances (B, N) along the tangents."""
         scene, known = self.known.scene, self.known
-        cb = product(inverse(known.k_spring + self._k_tendon), scene.b_t)
+        cb = product(inverse_stiff(known.k_spring + self._k_tendon), scene.b_t)
         m = add_to_diagonal(product(scene.b_t.transpose(0, 1), cb), known.eps_m[None])
         if slide is not None and scene.frame is not None:
             m = m + torch.diag_embed(torch.stack([slide, slide, 0 * slide], -1)).movedim((-2, -1), (0, 1))
-        return outer(scene.a_t, product(scene.a_t, scene.c * inverse_3x3(m))) + known.floor
+        return outer(scene.a_t, product(scene.a_t, scene.c * inverse_stiff(m))) + known.floor
 
 
 def length_scaling(like: Tensor, length_m: float) -> Tensor:
@@ -170,8 +175,7 @@ def length_scaling(like: Tensor, length_m: float) -> Tensor:
 class _Springs(NamedTuple):
     """Pass 1, for its adjoint. Without the contact flag."""
 
-    compliance: Tensor  # (C, C, B, N) K^-1
-    cb: Tensor  # (C, 3, B, N) K^-1 B^T: joints by forces on a fingertip
+    held: Tensor  # (C, C, B, N) joints by torques, the fingertip held by its contact
     p: Tensor  # (3, 3, B, N) stiffness of a fingertip
     v: Tensor  # (C, 3, B, N) joints by motion of a fingertip
     free: Tensor  # (6, 6, N) inverse of K_x
@@ -202,6 +206,7 @@ class _Slides(NamedTuple):
     p: Tensor  # (3, 3, B, N) stiffness of a fingertip in pass 2
     wt: Tensor  # (6, 3, B, N) A_b^T of that: wrench by motion of a fingertip
     follow: Tensor  # (6, 2 B, N) motion of the tool by slides
+    side: Tensor  # (C, 2, B, N) joints by forces along the tangents, the finger alone, without the flag
 
 
 def _along(a_t: Tensor, x: Tensor) -> Tensor:
@@ -245,25 +250,19 @@ class _TwoPass(torch.autograd.Function):
         """dx0 and dx (6, N), scaled, dq0 (C, B, N), gate (B, N), diagonal of K_x (6, N); of `Slide` all but slid."""
         c, a_t = scene.c, scene.a_t
         exactly = torch.float64  # a fingertip is up to 1e5 times as stiff along its bones as across
-        b_t, tendon = scene.b_t.to(exactly), d.to(exactly)
-        compliance = inverse(k_spring.to(exactly))
-        cb = product(compliance, b_t)
-        m = add_to_diagonal(product(b_t.transpose(0, 1), cb), eps_m[None])  # (3, 3, B, N)
-        p = inverse_3x3(m)
-        v = product(cb, p)
-        pulled = transposed_times(v, tendon)
-        bent = times(compliance, tendon) - times(cb, pulled)
-        room = (tendon * bent).sum(0)
-        give = 0.5 * (m[0, 0] + m[1, 1])
-        parts = (compliance, cb, p, v, pulled, bent, room, give)
-        compliance, cb, p, v, pulled, bent, room, give = (t.to(c.dtype) for t in parts)
+        b_t, joints, stiff_tip = scene.b_t.to(exactly), k_spring.to(exactly), 1 / eps_m.to(exactly)
+        held = inverse_stiff(joints + product(stiff_tip * b_t, b_t.transpose(0, 1)))
+        v = stiff_tip * product(held, b_t)
+        left = add_to_diagonal(-product(b_t.transpose(0, 1), v), 1.0)  # of a fingertip's motion, to its contact
+        p = product(v.transpose(0, 1), product(joints, v)) + stiff_tip * product(left.transpose(0, 1), left)
+        held, v, p = (t.to(c.dtype) for t in (held, v, p))
         wt = product(a_t, c * p)  # (6, 3, B, N)
         k = outer(a_t, wt) + floor  # (6, 6, N)
         free = inverse(k)
         x = x0 = _solved(k, free, scene.w)
         tip = _along(a_t, x0)
         dq0 = scene.own * (times(v, tip) if scene.reach is None else times(scene.reach, x0[:, None]))
-        springs = _Springs(compliance, cb, p, v, free, x0, tip, dq0)
+        springs = _Springs(held, p, v, free, x0, tip, dq0)
         tendons, slides, gate = None, None, torch.zeros_like(c)
         slid: tuple[Tensor, ...] = ()
         if has_tendon is not None:
@@ -271,7 +270,8 @@ class _TwoPass(torch.autograd.Function):
             stretch = (dq0 * d).sum(0) - beta
             gate = torch.sigmoid(alpha * stretch + rho) * has_tendon
             stiff = gain * gate
-            share = 1 / (1 + stiff * room)
+            bent, pulled = times(held, d), transposed_times(v, d)
+            share = 1 / (1 + stiff * (d * bent).sum(0))
             on_tool = times(a_t, pulled)  # (6, B, N)
             pull = c * stiff * share
             k = k + (on_tool[:, None] * (pull * on_tool)).sum(2)
@@ -288,11 +288,14 @@ class _TwoPass(torch.autograd.Function):
             follow = product(free, rows[:, : 2 * branches])
             met = -(rows[:, :, None] * follow[:, None]).sum(0)  # (3 B, 2 B, N)
             _own_blocks(met, branches).add_(p_tip[:, :2].mT)
+            tangential = b_t[:, :2]
+            side = product(inverse(joints), tangential)
+            give = (eps_m + 0.5 * (side * tangential).flatten(0, 1).sum(0)).to(c.dtype)
             stuck = Stuck(_along(wt, x).flatten(0, 1), met, give)
             grip = Grip(friction, preload, scene.pressing, c)
             found, steps = slide(grip, stuck)
             x = x + times(follow, found.slid)
-            slides = _Slides(grip, stuck, found, steps, p_tip, wt, follow)
+            slides = _Slides(grip, stuck, found, steps, p_tip, wt, follow, side.to(c.dtype))
             slid = found[1:]
         ctx.kept = scene, springs, d, gain, gate_params, tendons, slides, free, x_stuck
         ctx.set_materialize_grads(False)
@@ -311,7 +314,7 @@ class _TwoPass(torch.autograd.Function):
             g_k = g_k - adjoint[:, None] * x
             if g_diagonal is not None:
                 add_to_diagonal(g_k, g_diagonal)
-            g_wt = g_wt + product(g_k.transpose(0, 1), a_t.flatten(1, 2)).view_as(a_t)
+            g_wt = g_wt + product(g_k.transpose(0, 1), a_t.flatten(1, 2)).unflatten(1, a_t.shape[1:3])
             g_p = g_p + product(a_t.transpose(0, 1), g_wt)
         else:
             adjoint = times(free, g_x)
@@ -350,7 +353,7 @@ class _TwoPass(torch.autograd.Function):
             g_k_spring, g_eps_m = g_k_spring + by_springs, g_eps_m + by_eps_m
             g_floor = None if g_floor is None else g_floor + by_floor
         if g_give is not None:
-            side = springs.cb[:, :2]
+            side = slides.side
             g_k_spring = g_k_spring - product((0.5 * g_give) * side, side.transpose(0, 1))
             g_eps_m = g_eps_m + g_give
         return None, None, g_k_spring, g_eps_m, g_floor, g_d, g_gain, g_gate_params, g_friction, g_preload
@@ -369,8 +372,7 @@ def _springs_adjoint(
     if g_dq is not None:
         turn = scene.own * g_dq
         if scene.reach is None:
-            by_turn = transposed_times(v, turn)
-            bend, force = bend + times(springs.compliance, turn) - times(springs.cb, by_turn), force + by_turn
+            bend, force = bend + times(springs.held, turn), force + transposed_times(v, turn)
         else:
             g_x = g_x + transposed_times(scene.reach, turn).sum(1)
     adjoint = times(springs.free, g_x + _against(scene.a_t, force))
@@ -389,12 +391,12 @@ def _slides_adjoint(
     follow, stuck = slides.follow, slides.stuck
     g_slid = transposed_times(follow, g_x)
     by, g_friction, g_preload = slide_adjoint(slides.grip, stuck, slides.slide, slides.steps, g_slid, g_slide)
-    g_force, branches = by.force.view_as(slides.wt[0]), slides.wt.shape[2]
+    g_force, branches = by.force.unflatten(0, (AXES, -1)), slides.wt.shape[2]
     by_follow = g_x[:, None] * slides.slide.slid - (slides.wt.flatten(1, 2)[:, :, None] * by.met).sum(1)  # (6, 2 B, N)
     y = product(free, by_follow)
     g_wt = -(follow[:, None] * by.met).sum(2)  # (6, 3 B, N)
     g_wt[:, : 2 * branches] += y
-    g_wt = g_force * x[:, None, None] + g_wt.view_as(slides.wt)
+    g_wt = g_force * x[:, None, None] + g_wt.unflatten(1, (AXES, branches))
     g_p = torch.zeros_like(slides.p)
     g_p[:, :2] = _own_blocks(by.met, branches).mT
     g_k = -(y[:, None] * follow).sum(2)

@@ -122,13 +122,13 @@ def preload_of_weight(weight: Tensor, c: Tensor, a_t: Tensor, normal: Tensor, fo
 def slide(grip: Grip, stuck: Stuck) -> tuple[Slide, list[Step]]:
     """Where and how much contacts slide, and what the adjoint needs of it."""
     mu, preload, c = grip.friction, grip.preload, grip.c
-    branches, n = c.shape
+    branches = len(c)
     tangential = 2 * branches
     e, f = stuck.met[:tangential], stuck.met[tangential:]
     t0, n0, give = stuck.force[:tangential], stuck.force[tangential:], stuck.give
     size = (preload * preload).sum(0)
     normal = first = (grip.force - n0).clamp_min(LEAST_PRESSURE_N)
-    t, before, steps = t0.view(2, branches, n), give, []
+    t, before, steps = t0.unflatten(0, (2, branches)), give, []
     borne = preload - t
     use = c * ((borne * borne).sum(0) + 1e-12).sqrt() / (mu * first)
     for step in range(SLIDE_STEPS):
@@ -146,7 +146,7 @@ def slide(grip: Grip, stuck: Stuck) -> tuple[Slide, list[Step]]:
         both = torch.cat([s, s])
         free = inverse(add_to_diagonal(e * both, 1.0), symmetric=False)
         flat = times(free, t0)
-        left, slid = flat.view(2, branches, n), both * flat
+        left, slid = flat.unflatten(0, (2, branches)), both * flat
         steps.append(
             Step(t, squared, normal, limit, fraction, reserve, root, over, before, s == wanted, s, free, left, slid)
         )
@@ -165,7 +165,7 @@ def slide_adjoint(
     """
     g_s, g_use, g_share, g_first = g_found
     mu, preload = grip.friction, grip.preload
-    branches, n = mu.shape
+    branches = len(mu)
     tangential = 2 * branches
     e, f = stuck.met[:tangential], stuck.met[tangential:]
     zero = torch.zeros_like(mu)
@@ -177,13 +177,13 @@ def slide_adjoint(
         g_s, g_give = g_s + by_give, g_give - by_give * found.share
     for k in range(SLIDE_STEPS - 1, -1, -1):
         step = steps[k]
-        by_left = step.s * g_slid.view(2, branches, n)
+        by_left = step.s * g_slid.unflatten(0, (2, branches))
         by_left = by_left if g_t is None else by_left + g_t
-        adjoint = transposed_times(step.free, by_left.view(tangential, n))
+        adjoint = transposed_times(step.free, by_left.flatten(0, 1))
         rows = torch.cat([adjoint, g_normal])
         g_force += rows
         g_met.addcmul_(rows[:, None], step.slid, value=-1)
-        by_slid = (g_slid - transposed_times(e, adjoint)).view(2, branches, n)
+        by_slid = (g_slid - transposed_times(e, adjoint)).unflatten(0, (2, branches))
         by_wanted = (g_s + (by_slid * step.left).sum(0)) * step.inside
         g_s = by_wanted * step.over
         g_give = g_give + g_s - by_wanted
@@ -210,5 +210,5 @@ def slide_adjoint(
         g_preload, g_t = g_preload + by_borne, g_t - by_borne
         g_mu, by_normal = g_mu - by_log / mu, by_normal - by_log / found.pressed
     g_normal = -by_normal * (found.pressed > LEAST_PRESSURE_N)
-    g_force += torch.cat([g_t.view(tangential, n), g_normal])
+    g_force += torch.cat([g_t.flatten(0, 1), g_normal])
     return Stuck(g_force, g_met, g_give), g_mu, g_preload.addcmul_(preload, g_size, value=2)
