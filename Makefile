@@ -11,6 +11,8 @@ CASES   ?= 16
 SEED    ?= 0
 SEEDS   ?= 5
 CURVE_SEEDS ?= $(SEEDS)
+# Where studies train: cpu, cuda or cuda:N, shared by JOBS runs side by side.
+DEVICE  ?= cpu
 FUZZ_SECONDS ?= 60
 KILLS   ?= 50
 PICTURES ?= 16
@@ -91,13 +93,13 @@ dataset: setup-python ## simulated grasps and loads, in build/dataset (GRASPS=, 
 	@echo "Dataset: $(BUILD)/dataset/manifest.json, data card: $(BUILD)/dataset/card.html"
 
 .PHONY: paper ablation frontier
-paper: setup-python ## AMINN beside others on build/dataset, all seeds (SEEDS=), shifts, sensors, learning curve (CURVE_SEEDS=)
+paper: setup-python ## AMINN beside others on build/dataset, all seeds (SEEDS=), shifts, sensors, learning curve (CURVE_SEEDS=), JOBS= runs on DEVICE=
 ablation: setup-python ## choices of model and training, on validation grasps of build/dataset, all seeds (SEEDS=)
 frontier: setup-python ## how wide a model must be, on validation grasps of build/dataset, all seeds (SEEDS=)
 paper ablation frontier:
 	@[ -f $(BUILD)/dataset/manifest.json ] || $(MAKE) --no-print-directory dataset
 	@$(PYTHON) -m aminn_app.study $@ --data $(BUILD)/dataset --build $(BUILD) --seeds $(SEEDS) --curve-seeds $(CURVE_SEEDS) \
-	  --jobs $(JOBS)
+	  --jobs $(JOBS) --device $(DEVICE)
 
 .PHONY: tables
 tables: setup-python ## the tables of README and docs anew from build/studies (paper, ablation, frontier)

@@ -258,6 +258,7 @@ def _print_config(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
 )
 @click.option("--finetune", type=EXISTING, default=None, help="Run to start from: its weights and normalisation.")
 @click.option("--tensorboard/--no-tensorboard", default=True, show_default=True, help="Curves in OUT/tensorboard.")
+@click.option("--device", default="cpu", show_default=True, help="Where steps are computed: cpu, cuda or cuda:N.")
 def train(
     data: Path,
     out: Path,
@@ -268,6 +269,7 @@ def train(
     overrides: tuple[str, ...],
     finetune: Path | None,
     tensorboard: bool,
+    device: str,
 ) -> None:
     """Train AMINN or the MLP baseline.
 
@@ -304,7 +306,7 @@ def train(
 
     config = load_config(file, overrides, kind=kind, seed=seed, epochs=epochs)
     start = load_checkpoint(finetune) if finetune else None
-    checkpoint = run(config, load_dataset(data), out, tensorboard=tensorboard, finetune=start)
+    checkpoint = run(config, load_dataset(data), out, tensorboard=tensorboard, finetune=start, device=device)
     meta = checkpoint.meta
     click.echo(
         f"{config.kind}: {meta['n_parameters']} parameters, tau {meta['tau']:.4f}, "

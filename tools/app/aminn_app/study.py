@@ -32,6 +32,7 @@ from aminn.evaluation.metrics import spread
 from aminn.evaluation.paired import Resampled, compared, resampled
 from aminn.model.checkpoint import Checkpoint
 from aminn.model.config import SensorDraws, TrainConfig
+from aminn.training.device import CPU, device_of
 from aminn.training.train import LEAST_GRASPS, identity_of, train
 from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically, write_json
@@ -235,7 +236,7 @@ def judge(checkpoint: Checkpoint, tests: dict[str, Dataset], study: str) -> Foun
     return Found(figures, draws)
 
 
-def _run(study: str, job: Job, folder: Path, path: Path, position: int) -> Found:
+def _run(study: str, job: Job, folder: Path, path: Path, position: int, device: str = CPU) -> Found:
     """Train one run and judge it, or read what an earlier call found."""
     data = data_of(path)
     part = known(data)
@@ -246,7 +247,7 @@ def _run(study: str, job: Job, folder: Path, path: Path, position: int) -> Found
         return kept
     out = folder / "runs" / job.name
     start = time.process_time()
-    checkpoint = anew_if_outdated(out, lambda: train(job.config, part, out, bar_position=position))
+    checkpoint = anew_if_outdated(out, lambda: train(job.config, part, out, bar_position=position, device=device))
     seconds = time.process_time() - start
     found = judge(checkpoint, _tests(data, study, job.config.train_fraction), study)
     found.figures["iid"][""][""] |= {"seconds": seconds, "n_parameters": checkpoint.meta["n_parameters"]}
@@ -335,15 +336,17 @@ def _enough(data: Dataset, fraction: float) -> bool:
     "--curve-seeds", type=click.IntRange(0), default=5, show_default=True, help="The same of the learning curve."
 )
 @click.option("--jobs", type=click.IntRange(1), default=None, help="Runs side by side.  [default: all cores]")
-def main(study: str, data: Path, build: Path, seeds: int, curve_seeds: int, jobs: int | None) -> None:
+@click.option("--device", default=CPU, show_default=True, help="Where they train: cpu, cuda or cuda:N, shared by all.")
+def main(study: str, data: Path, build: Path, seeds: int, curve_seeds: int, jobs: int | None, device: str) -> None:
     """Run a study and write its figures to build/reports/STUDY.json, its tables to STUDY.md."""
+    device_of(device)  # refused before any work
     folder, reports = build / "studies" / study, build / "reports"
     planned = JOBS[study](seeds, curve_seeds)
     waiting = [job for job in planned if _enough(known(data_of(data)), job.config.train_fraction)]
     facts, still = (_facts(data_of(data)), _still(data_of(data))) if study == "paper" else ({}, [])
     workers = workers_for(len(waiting), jobs)
     done: dict[Job, Found] = {}
-    calls = {job: (study, job, folder, data, k % workers) for k, job in enumerate(waiting)}
+    calls = {job: (study, job, folder, data, k % workers, device) for k, job in enumerate(waiting)}
     with closing(side_by_side(_run, calls, workers)) as ended:
         for job, of_run in ended:
             done[job] = of_run

@@ -157,13 +157,13 @@ def draw(x: dict[str, Tensor], draws: SensorDraws, rng: torch.Generator) -> dict
 
     What is exact becomes a class or gets an error, what has a deviation already does not; what is not known stays so.
     """
-    n, found = len(x["q"]), {}
+    n, device, found = len(x["q"]), x["q"].device, {}
 
     def uniform() -> Tensor:
-        return torch.rand(n, generator=rng)
+        return torch.rand(n, generator=rng).to(device)  # the generator's, whatever the device
 
     def normal(like: Tensor) -> Tensor:
-        return torch.randn(like.shape, generator=rng)
+        return torch.randn(like.shape, generator=rng).to(device)
 
     if FRICTION in x:
         known, value, deviation = x[FRICTION].unbind(-1)
@@ -172,8 +172,10 @@ def draw(x: dict[str, Tensor], draws: SensorDraws, rng: torch.Generator) -> dict
         noisy = value * torch.exp(share * normal(value))
         measured = torch.stack([known, noisy, share * noisy], -1)
         measured = torch.where((deviation > 0)[:, None], x[FRICTION], measured)
-        edges = torch.tensor(CLASS_EDGES, dtype=value.dtype)
-        classes = torch.as_tensor(_CLASSES, dtype=value.dtype)[torch.bucketize(value.contiguous(), edges, right=True)]
+        edges = torch.tensor(CLASS_EDGES, dtype=value.dtype, device=device)
+        classes = torch.as_tensor(_CLASSES, dtype=value.dtype, device=device)[
+            torch.bucketize(value.contiguous(), edges, right=True)
+        ]
         seen = torch.where((as_class & (deviation == 0))[:, None], classes, measured)
         found[FRICTION] = seen * (known * told)[:, None]
     if TOOL_WEIGHT in x:

@@ -141,8 +141,8 @@ def _reflected(v: Tensor, matrix: Array) -> Tensor:
     """Vectors (..., 3) times a reflection; one along the axes of H changes signs and no more."""
     signs = np.diag(matrix)
     if np.array_equal(matrix, np.diag(signs)):
-        return v * torch.tensor(signs.tolist(), dtype=v.dtype)
-    return v @ torch.as_tensor(matrix, dtype=v.dtype).T
+        return v * v.new_tensor(signs.tolist())
+    return v @ v.new_tensor(matrix).T
 
 
 def _check(hand: Hand) -> None:

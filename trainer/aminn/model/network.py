@@ -145,6 +145,9 @@ class Backbone(nn.Module):
 
     precision: torch.dtype = torch.float64
     """Arithmetic of the mechanics layer; training steps set float32."""
+    eps_m_start: Tensor
+    twist_start: Tensor
+    theta_terms: Tensor
     wrench_log_scale: Tensor
     chol_nom: Tensor
     tendon_dir_nom: Tensor
@@ -172,11 +175,13 @@ class Backbone(nn.Module):
         if mechanics.learn_eps_m:
             self.eps_m_change = nn.Parameter(torch.zeros(()))  # logarithm: weight decay draws to the constant
         eps_m = nominal.eps_m if mechanics.eps_m is None else np.full(dims.branches, mechanics.eps_m)
-        self.eps_m_start = torch.tensor(eps_m if np.ptp(eps_m) > 0 else eps_m[0], dtype=torch.float64)  # (B) or ()
+        eps_m_start = torch.tensor(eps_m if np.ptp(eps_m) > 0 else eps_m[0], dtype=torch.float64)  # (B) or ()
         self.gated = tuple(bool(gain > 0) for gain in nominal.tendon_gain)
         self.length_m = hand.length_m
-        self.twist_start = torch.tensor(nominal.twist, dtype=torch.float32)
-        self.theta_terms = torch.tensor(theta_terms(config, hand))  # (1 + S, B, C(C+1)/2 + 1)
+        self.register_buffer("eps_m_start", eps_m_start, persistent=False)
+        self.register_buffer("twist_start", torch.tensor(nominal.twist, dtype=torch.float32), persistent=False)
+        terms = torch.tensor(theta_terms(config, hand))  # (1 + S, B, C(C+1)/2 + 1)
+        self.register_buffer("theta_terms", terms, persistent=False)
         self.stiff = slice(0, len(self.theta_terms) - 1)
         self.contacts = slice(self.stiff.stop, self.stiff.stop + dims.branches)
         start = nominal if config.heads == "correction" else _uniform(nominal)
@@ -245,7 +250,9 @@ class Backbone(nn.Module):
         """Direction (C, B, N), gain (B, N) and gate parameters (3, B, N) from head outputs and nominal gains (B, N)."""
         d, k, al, be, rh = (part[name] for name in ("direction", "gain", "alpha", "beta", "rho"))
         if not all(self.gated):
-            mask = mask * torch.tensor(self.gated, dtype=mask.dtype)[:, None]  # no direction where there is no tendon
+            mask = (
+                mask * torch.tensor(self.gated, dtype=mask.dtype, device=mask.device)[:, None]
+            )  # no direction where there is no tendon
         r = self.config.log_range
         v = (self.tendon_dir_nom.mT[..., None] + d) * mask  # (C, B, N)
         direction = v / torch.sqrt((v * v).sum(0) + 1e-12)

@@ -24,7 +24,7 @@ class Normaliser(nn.Module):
         """
         self.mean.copy_(v.mean(0))
         spread = v.std(0)
-        self.inv_std.copy_(1 / torch.maximum(spread, torch.tensor(least_spread)))
+        self.inv_std.copy_(1 / torch.maximum(spread, spread.new_tensor(least_spread)))
         self.inv_std[optional][(v[:, optional] == v[:1, optional]).all(0)] = 0
 
     def forward(self, v: Tensor) -> Tensor:

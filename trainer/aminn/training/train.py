@@ -38,6 +38,7 @@ from ..model.config import LossWeights, ModelConfig, TrainConfig
 from ..model.losses import pose_terms, structural_terms
 from ..model.network import Aminn, Backbone, Stage1, Stage2
 from .card import write_card
+from .device import CPU, described, device_of
 from .run_state import (
     FILE,
     RunState,
@@ -75,6 +76,16 @@ class _Stage:
     terms: Callable[[Inputs, Tensor], Terms]
     train: tuple[Inputs, Tensor]
     validation: tuple[Inputs, Tensor]
+
+    def on(self, device: torch.device) -> _Stage:
+        """The stage with its data on a device, where its module moves to."""
+        self.module.to(device)
+        train, validation = ((_on(x, device), y.to(device)) for x, y in (self.train, self.validation))
+        return replace(self, train=train, validation=validation)
+
+
+def _on(x: Inputs, device: torch.device) -> Inputs:
+    return {k: v.to(device) for k, v in x.items()}
 
 
 def _stage1_terms(module: Stage1 | MlpStage) -> Callable[[Inputs, Tensor], Terms]:
@@ -278,13 +289,13 @@ class _Loop:
             order = order + n * torch.randint(2, (n,), generator=self.rng)
         total = 0.0
         self.stage.module.train()
-        for index in order.split(self.config.batch):
+        for index in order.to(y.device).split(self.config.batch):
             shown = draw(_select(x, index), self.config.sensing, self.rng)
             total += self._step(shown, y[index]) * len(index)
         self.history["train"].append(total / n)
         self.stage.module.eval()
         with torch.no_grad():
-            loss = self._checked(self.stage.terms(*self.stage.validation), "validation")
+            loss = self._checked(_numbers(self.stage.terms(*self.stage.validation)), "validation")
         if loss < min([*self.history["validation"], self.least]):
             self.best = {k: v.clone() for k, v in self.stage.module.state_dict().items()}
         self.history["validation"].append(loss)
@@ -300,17 +311,17 @@ class _Loop:
         self.schedule.step()
         return loss
 
-    def _gradient(self, x: Inputs, y: Tensor) -> tuple[Terms, float]:
+    def _gradient(self, x: Inputs, y: Tensor) -> tuple[dict[str, float], float]:
         """Loss terms and the norm of the gradient, which is left clipped in the parameters."""
         self.optimiser.zero_grad()
         terms = self.stage.terms(x, y)
-        sum(terms.values(), torch.zeros(())).backward()
+        torch.stack(list(terms.values())).sum().backward()
         norm = nn.utils.clip_grad_norm_(self.stage.module.parameters(), self.config.gradient_clip)
-        return terms, float(norm)
+        found = _numbers(terms | {"norm": norm})
+        return found, found.pop("norm")
 
-    def _checked(self, terms: Terms, where: str, norm: float = 0.0) -> float:
+    def _checked(self, values: dict[str, float], where: str, norm: float = 0.0) -> float:
         """The loss. Raises AminnError if it diverges, naming step and term."""
-        values = {name: term.item() for name, term in terms.items()}
         loss = sum(values.values())
         self.first_loss = loss if self.first_loss is None else self.first_loss
         limit = self.config.divergence * self.first_loss
@@ -327,13 +338,18 @@ class _Loop:
 
 def _validation_figures(stage: _Stage) -> dict[str, float]:
     """F1 at even odds of stage 1, RMSE_pose of stage 2, on validation data: what the losses stand for."""
-    x, y = stage.validation
+    x, y = stage.validation[0], stage.validation[1].cpu()
     with torch.no_grad():
         out = stage.module(x)
-    found = (out[0] if isinstance(out, tuple) else out).double().numpy()
+    found = (out[0] if isinstance(out, tuple) else out).double().cpu().numpy()
     if found.ndim == 1 or found.shape[-1] == 1:
         return {"f1": f1_score(found.reshape(-1) > 0, y.numpy() > 0)}
     return {"rmse_pose": rms(pose_error(found, y[:, :N_WRENCH].double().numpy(), stage.length_m))}
+
+
+def _numbers(terms: Terms) -> dict[str, float]:
+    """The terms' values, with one wait for the device."""
+    return dict(zip(terms, torch.stack([term.detach() for term in terms.values()]).tolist(), strict=True))
 
 
 class _Board:
@@ -421,6 +437,7 @@ def train(
     bar_position: int = 0,
     tensorboard: bool = False,
     finetune: Checkpoint | None = None,
+    device: str = CPU,
 ) -> Checkpoint:
     """Train on `dataset` and write the checkpoint and its model card to folder `out`.
 
@@ -430,8 +447,11 @@ def train(
     Goes on with an unfinished run found there; a finished one of the same configuration and data is returned as is.
     `bar_position` is the line of the progress bar, for runs side by side; `tensorboard` writes curves to
     out/tensorboard. One process works in a folder at a time: InUseError names the other one.
+
+    Steps are computed on `device` (cpu, cuda or cuda:N), the rest on the CPU. It is no part of what makes a run the
+    same, as little as the processor is; model.json says which it was.
     """
-    out = Path(out)
+    out, chosen = Path(out), device_of(device)
     parts = {"train": dataset.split("train", config.train_fraction), "validation": dataset.split("validation")}
     decided = _check_parts(parts, finetune)
     if finetune is not None:
@@ -462,10 +482,11 @@ def train(
         with _whole_run(out):
             done = 0 if resumed is None else resumed.progress["stage"] * config.epochs + resumed.progress["epoch"]
         board = _Board(out / BOARD if tensorboard else None, done)
-        history = _optimise(model, stages, config, mirror, out, identity, resumed, bar_position, board, least)
+        history = _optimise(model, stages, config, mirror, out, identity, resumed, bar_position, board, least, chosen)
         sure = fit_sure(model, seen["train"], seen["validation"], config.sensing, started=not new)
         meta = _result(model, parts, dataset, None if decided else finetune)
         meta |= {"seed": config.seed, "identity": identity, "history": history, "sure": sure}
+        meta["device"] = described(chosen)
         if finetune is not None:
             trained_on = finetune.meta.get("identity", {}).get("data_sha256", "")
             meta["finetuned"] = {"sha256": finetune.sha256, "data_sha256": trained_on, "validation": least}
@@ -505,8 +526,11 @@ def _optimise(
     bar_position: int,
     board: _Board,
     least: dict[str, float],
+    device: torch.device,
 ) -> dict:
-    """Train the stages in turn, from `resumed` on, and leave each with its best weights; returns the history.
+    """Train the stages in turn on `device`, from `resumed` on; leaves each on the CPU with its best weights.
+
+    Returns the history.
 
     `least` has the validation loss of a stage's first weights, where they are as good as any.
     """
@@ -517,7 +541,7 @@ def _optimise(
             progress = {k: resumed.progress[k] for k in progress}
             _ = range(len(stages))[progress["stage"]], range(progress["epoch"])
     for index in range(progress["stage"], len(stages)):
-        loop = _Loop(stages[index], config, mirror, least.get(stages[index].name, np.inf))
+        loop = _Loop(stages[index].on(device), config, mirror, least.get(stages[index].name, np.inf))
         loop.seed(index)
         done = 0
         if resumed is not None and index == progress["stage"]:
@@ -538,7 +562,7 @@ def _optimise(
             progress |= {"stage": index, "epoch": epoch + 1}
             save_run(out, identity, loop.state(model, progress))
         loop.stage.module.load_state_dict(loop.best)
-        loop.stage.module.eval()
+        loop.stage.module.to(CPU).eval()
     return progress["history"]
 
 
