@@ -54,7 +54,7 @@ def test_what_slides_and_how_wrong_it_may_be_is_learned(
     assert 0.02 < slid.mean() < 0.5 and auroc(p_slide, slid) > least
     assert ((p_slide > 0) & (p_slide < 1) & (bound > 0)).all()
     within = error <= bound
-    assert within.mean() > 0.8  # 137 cases of a dozen grasps, which fall together
+    assert within.mean() > 0.85
     largest = bound >= np.quantile(bound, 0.8)
     assert np.median(error[largest]) > ratio * np.median(error[~largest])
 

@@ -5,9 +5,8 @@ Products of small matrices are then a few products of long vectors, several time
 
 from __future__ import annotations
 
-from functools import cache
+from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -17,13 +16,13 @@ def batch_last(t: Tensor) -> Tensor:
     return t.movedim((0, 1), (-1, -2)).contiguous()
 
 
-def reversed_axes(t: Tensor) -> Tensor:
-    """(N, branch, i, j) as (j, i, branch, N): matrices of each branch, transposed."""
-    return t.permute(*range(t.ndim - 1, -1, -1)).contiguous()
+def as_last(dtype: torch.dtype, *tensors: Tensor | None) -> list[Tensor]:
+    """Those that are there, in that order and type."""
+    return [batch_last(t).to(dtype) for t in tensors if t is not None]
 
 
 def batch_first(t: Tensor) -> Tensor:
-    """The way back from `batch_last`, as a view."""
+    """The way back, as a view."""
     return t.movedim((-1, -2), (0, 1))
 
 
@@ -37,55 +36,16 @@ def times(a: Tensor, v: Tensor) -> Tensor:
     return (a * v).sum(1)
 
 
-def transposed_times(a: Tensor, v: Tensor) -> Tensor:
-    """Vectors (i, ...) times matrices (i, k, ...)."""
-    return (a * v[:, None]).sum(0)
-
-
-def outer(a: Tensor, b: Tensor) -> Tensor:
-    """Sums over branches of products of matrices (i, k, B, N) and transposed (j, k, B, N): (i, j, N)."""
-    return (a.flatten(1, 2)[:, None] * b.flatten(1, 2)).sum(2)
-
-
-def add_to_diagonal(m: Tensor, v: Tensor | float) -> Tensor:
-    """Matrices (i, i, ...) after v was added to their diagonals (i, ...), in place."""
-    diagonal = m.diagonal(dim1=0, dim2=1)  # (..., i)
-    diagonal.add_(v.movedim(0, -1) if isinstance(v, Tensor) else v)
-    return m
-
-
-@cache
-def _cofactors(device: torch.device) -> Tensor:
-    """Which numbers of a flat 3 x 3 matrix the adjugate takes: two factors of a product, two of what it is less."""
-    i, j = np.indices((3, 3))
-    at = [3 * ((j + a) % 3) + (i + b) % 3 for a, b in ((1, 1), (2, 2), (1, 2), (2, 1))]
-    return torch.tensor(np.ravel(at), device=device)
-
-
 def inverse_3x3(m: Tensor) -> Tensor:
-    """Inverses of matrices (3, 3, ...) by cofactors."""
-    a, b, c, d = m.flatten(0, 1).index_select(0, _cofactors(m.device)).unflatten(0, (4, 3, 3))
-    adjugate = torch.addcmul(a * b, c, d, value=-1)
-    return adjugate / (m[0] * adjugate[:, 0]).sum(0)
+    """Inverses of matrices (3, 3, ...) by cofactors, read off the matrix continued cyclically to 5 x 5."""
+    tall = torch.cat([m, m[:2]])
+    wide = torch.cat([tall, tall[:, :2]], 1)  # (5, 5, ...)
+    cofactors = wide[1:4, 1:4] * wide[2:5, 2:5] - wide[1:4, 2:5] * wide[2:5, 1:4]
+    return cofactors.transpose(0, 1) / (m[0] * cofactors[0]).sum(0)
 
 
-def inverse_stiff(m: Tensor) -> Tensor:
-    """Inverses of positive definite matrices (n, n, ...) with eigenvalues of many sizes, whose cofactors would be lost.
-
-    Row 0 is eliminated, so that what is left of the others is rounded beside its own size.
-    """
-    if m.shape[0] < 3:
-        return inverse(m)
-    row = m[0, 1:] / m[0, 0]  # (n - 1, ...)
-    tail = inverse_stiff(m[1:, 1:] - m[1:, :1] * row)
-    upper = -times(tail, row)
-    corner = 1 / m[0, 0] - (row * upper).sum(0)
-    first = torch.cat([corner[None], upper])
-    return torch.cat([first[None], torch.cat([upper[:, None], tail], 1)])
-
-
-def inverse(m: Tensor, symmetric: bool = True) -> Tensor:
-    """Inverses of matrices (n, n, ...) that need no pivoting, as positive definite ones, by blocks of at most 3."""
+def inverse(m: Tensor) -> Tensor:
+    """Inverses of symmetric positive definite matrices (n, n, ...), by blocks of at most 3."""
     n = m.shape[0]
     if n == 3:
         return inverse_3x3(m)
@@ -94,14 +54,12 @@ def inverse(m: Tensor, symmetric: bool = True) -> Tensor:
     if n == 2:
         (a, b), (c, d) = m
         return torch.stack([d, -b, -c, a]).unflatten(0, (2, 2)) / (a * d - b * c)
-    head = inverse(m[:3, :3], symmetric)
-    right = product(head, m[:3, 3:])
-    tail = inverse(m[3:, 3:] - product(m[3:, :3], right), symmetric)
-    upper = product(right, tail)  # less its sign
-    left = right.transpose(0, 1) if symmetric else product(m[3:, :3], head)
-    lower = upper.transpose(0, 1) if symmetric else product(tail, left)
-    corner = head + product(upper, left)
-    return torch.cat([torch.cat([corner, -upper], 1), torch.cat([-lower, tail], 1)])
+    head = inverse(m[:3, :3])
+    coupling = product(head, m[:3, 3:])
+    tail = inverse(m[3:, 3:] - product(m[3:, :3], coupling))
+    mixed = -product(coupling, tail)
+    upper = torch.cat([head - product(mixed, coupling.transpose(0, 1)), mixed], 1)
+    return torch.cat([upper, torch.cat([mixed.transpose(0, 1), tail], 1)])
 
 
 def packed_cholesky(k: Tensor, entries: tuple[tuple[int, int], ...]) -> Tensor:
@@ -114,3 +72,24 @@ def packed_cholesky(k: Tensor, entries: tuple[tuple[int, int], ...]) -> Tensor:
             rest = rest - low[row, i] * low[col, i]
         low[row, col] = rest.sqrt() if row == col else rest / low[col, col]
     return torch.stack([low[entry] for entry in entries])
+
+
+class _Inverse(torch.autograd.Function):
+    """`inverse` and its adjoint."""
+
+    @staticmethod
+    def forward(ctx: Any, m: Tensor) -> Tensor:  # type: ignore[override]
+        found = inverse(m)
+        ctx.save_for_backward(found)
+        return found
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> Tensor:  # type: ignore[override]
+        (found,) = ctx.saved_tensors
+        turned = found.transpose(0, 1)
+        return -product(product(turned, gradients[0]), turned)
+
+
+def differentiable_inverse(m: Tensor) -> Tensor:
+    """`inverse` whose gradient is two products."""
+    return _Inverse.apply(m)

@@ -6,18 +6,10 @@ undivided form, kept for the test that shows the two equal):
 
     K_x = sum_b c_b A_b^T (B_b K_b^-1 B_b^T + eps_M I)^-1 A_b + eps_Kx I
 
-A fingertip is up to 1e5 times as stiff along its bones as across, and the inverse above would lose the one beside the
-other. So the layer takes H = (K_b + B_b^T B_b / eps_M)^-1, how joints give by torques while the contact is held,
-V = H B_b^T / eps_M, how they follow the contact, and the energy of both: V^T K_b V + (I - B_b V)^T (I - B_b V) / eps_M.
-
-Pass 2 adds a tendon to each branch, k_b g_b d_b d_b^T, which changes what pass 1 found by matrices of rank 1. The layer
-has one adjoint for both passes and for contacts that slide, written out: the gradient of a solve is a second solve with
-the same inverse, far cheaper than differentiating each step.
-
 c_b in [0, 1] is the branch's contact flag: a branch out of contact leaves the sum exactly. The 6x6 solve works on
 lengths divided by the hand's L (`S = diag(1, 1, 1, 1/L, 1/L, 1/L)`), since metres and radians in one matrix cost a
-factor of 1e3 in conditioning for nothing. What comes in and goes out leads with a batch dimension N, then the B
-branches, C coordinates each; within, the batch stands last. Units are SI, axes are those of the hand.
+factor of 1e3 in conditioning for nothing. All tensors lead with a batch dimension N, then the B branches, C coordinates
+each; units are SI, axes are those of the hand.
 """
 
 from __future__ import annotations
@@ -29,21 +21,9 @@ from torch import Tensor
 
 from aminn_hand.hand import N_WRENCH
 
-from .batched import (
-    add_to_diagonal,
-    batch_first,
-    batch_last,
-    inverse,
-    inverse_3x3,
-    inverse_stiff,
-    outer,
-    product,
-    reversed_axes,
-    times,
-    transposed_times,
-)
+from .batched import as_last, batch_first, batch_last, inverse, inverse_3x3, product, times
 from .config import MechanicsConfig
-from .sliding import AXES, Grip, Slide, Step, Stuck, slide, slide_adjoint, tangents
+from .sliding import AXES, Grip, Slide, slide
 
 
 class Springs(NamedTuple):
@@ -80,91 +60,23 @@ class Constants(NamedTuple):
     limits: tuple[float, float] | None = None  # of a motion that is reported, m and rad; None: any
 
 
-class Scene(NamedTuple):
-    """A load case as the layer takes it, without gradients. Forces on a contact have the axes of `frame`."""
-
-    w: Tensor  # (6, N) scaled wrench
-    c: Tensor  # (B, N) contact flags
-    a_t: Tensor  # (6, 3, B, N) scaled A_b^T
-    b_t: Tensor  # (C, 3, B, N) B_b^T
-    own: Tensor  # (C, B, N) or broadcast: c where the branch has the coordinate
-    reach: Tensor | None  # (C, 6, B, N) dq0 by dx0, where the inverse of J_q gives it
-    frame: Tensor | None  # (3, 3, B, N) rows: two tangents and the normal, where contacts slide; None: axes of H
-    pressing: Tensor | None  # (B, N) normal forces before the load, where contacts slide
-
-
-class Known(NamedTuple):
-    """What a response follows from, the batch last."""
-
-    scene: Scene
-    k_spring: Tensor  # (C, C, B, N)
-    d: Tensor  # (C, B, N)
-    gain: Tensor  # (B, N)
-    eps_m: Tensor  # (B, N)
-    floor: Tensor  # (6, 6, N) or broadcast: added to the scaled K_x
-    s: Tensor  # (6) `length_scaling`
-    friction: Tensor | None  # (B, N)
-    preload: Tensor | None  # (2, B, N) along the tangents
-
-
 class Response(NamedTuple):
     """What the layer returns; names as in `Dims.debug`."""
 
     dx0: Tensor  # (N, 6) displacement with springs alone
     dq0: Tensor  # (N, B, C) joint deflection of pass 1 in branch coordinates, rad
     gate: Tensor  # (N, B) tendon engagement g_b in (0, 1); 0 where a branch has no gated tendon
-    k_diagonal: Tensor  # (N, 6) diagonal of K_x with lengths divided by L if no contact slides, N/m
+    k_tendon: Tensor  # (N, B, C, C) k_b g_b d_b d_b^T, N.m/rad
+    k_scaled: Tensor  # (N, 6, 6) K_x with lengths divided by L if no contact slides, N/m
     x_scaled: Tensor  # (N, 6) displacement with rotations times L, m; not cut
+    k_x: Tensor  # (N, 6, 6) K_x with contacts that slide, SI
     dx: Tensor  # (N, 6) displacement, m and rad
     friction_use: Tensor  # (N, B) share of its friction that each contact uses if none slides; 0 without friction
     slide: Tensor  # (N, B) compliance that sliding gives each contact, m/N
     slide_share: Tensor  # (N, B) that over the compliance that the contact meets
     pressed: Tensor  # (N, B) normal force under load if none slides, N
-    known: Known  # what the rest follows from
-
-    @property
-    def k_tendon(self) -> Tensor:
-        """(N, B, C, C) k_b g_b d_b d_b^T, N.m/rad."""
-        return batch_first(self._k_tendon).to(self.dx.dtype)
-
-    @property
-    def k_scaled(self) -> Tensor:
-        """(N, 6, 6) K_x with lengths divided by L if no contact slides, N/m."""
-        return self._k(None).movedim(-1, 0).to(self.dx.dtype)
-
-    @property
-    def k_x(self) -> Tensor:
-        """(N, 6, 6) K_x with contacts that slide, SI."""
-        s = self.known.s
-        return (self._k(self.known.scene.c * self.slide.mT).movedim(-1, 0) / (s[:, None] * s)).to(self.dx.dtype)
-
-    @property
-    def friction(self) -> Tensor:
-        """(N, B) coefficient mu of each contact; 0 where none slides."""
-        mu = self.known.friction
-        return torch.zeros_like(self.gate) if mu is None else mu.mT.to(self.dx.dtype)
-
-    @property
-    def preload(self) -> Tensor:
-        """(N, B, 3) tangential force T0 on each contact before the load, N."""
-        frame, preload = self.known.scene.frame, self.known.preload
-        if frame is None or preload is None:
-            return self.gate.new_zeros(*self.gate.shape, AXES)
-        return batch_first(transposed_times(frame[:2], preload)).to(self.dx.dtype)
-
-    @property
-    def _k_tendon(self) -> Tensor:
-        known = self.known
-        return (known.gain * self.gate.mT * known.d)[:, None] * known.d
-
-    def _k(self, slide: Tensor | None) -> Tensor:
-        """Scaled K_x (6, 6, N) with compliances (B, N) along the tangents."""
-        scene, known = self.known.scene, self.known
-        cb = product(inverse_stiff(known.k_spring + self._k_tendon), scene.b_t)
-        m = add_to_diagonal(product(scene.b_t.transpose(0, 1), cb), known.eps_m[None])
-        if slide is not None and scene.frame is not None:
-            m = m + torch.diag_embed(torch.stack([slide, slide, 0 * slide], -1)).movedim((-2, -1), (0, 1))
-        return outer(scene.a_t, product(scene.a_t, scene.c * inverse_stiff(m))) + known.floor
+    friction: Tensor  # (N, B) coefficient mu of each contact
+    preload: Tensor  # (N, B, 3) tangential force T0 on each contact before the load, N
 
 
 def length_scaling(like: Tensor, length_m: float) -> Tensor:
@@ -172,241 +84,93 @@ def length_scaling(like: Tensor, length_m: float) -> Tensor:
     return torch.tensor([1.0] * 3 + [1.0 / length_m] * 3, dtype=like.dtype, device=like.device)
 
 
-class _Springs(NamedTuple):
-    """Pass 1, for its adjoint. Without the contact flag."""
+class _Factor(NamedTuple):
+    """A symmetric positive definite K (6, 6, N) for solving with: translation eliminated first."""
 
-    held: Tensor  # (C, C, B, N) joints by torques, the fingertip held by its contact
-    p: Tensor  # (3, 3, B, N) stiffness of a fingertip
-    v: Tensor  # (C, 3, B, N) joints by motion of a fingertip
-    free: Tensor  # (6, 6, N) inverse of K_x
-    x: Tensor  # (6, N) motion of the tool
-    tip: Tensor  # (3, B, N) motion of the contacts
-    dq: Tensor  # (C, B, N) joint deflections, 0 out of contact
+    inverse: Tensor  # (3, 3, N) of the translational block
+    coupling: Tensor  # (3, 3, N) that times the rows of rotation
+    schur: Tensor  # (3, 3, N) inverse of what is left for rotation
 
 
-class _Tendons(NamedTuple):
-    """What the gates add to it, with fingertips held where it is said of them."""
-
-    gate: Tensor  # (B, N)
-    stretch: Tensor  # (B, N) of the tendon in pass 1, less beta
-    stiff: Tensor  # (B, N) k g
-    share: Tensor  # (B, N) of a tendon's pull that is left once its joints give way
-    bent: Tensor  # (C, B, N) joints by a torque along the tendon, held
-    pulled: Tensor  # (3, B, N) force on the fingertip by the same, held
-    on_tool: Tensor  # (6, B, N) that as a wrench
+def _factorise(k: Tensor) -> _Factor:
+    inverse = inverse_3x3(k[:3, :3])
+    coupling = product(inverse, k[:3, 3:])
+    return _Factor(inverse, coupling, inverse_3x3(k[3:, 3:] - product(k[3:, :3], coupling)))
 
 
-class _Slides(NamedTuple):
-    """What contacts do that slide. With the contact flag."""
-
-    grip: Grip
-    stuck: Stuck
-    slide: Slide
-    steps: list[Step]
-    p: Tensor  # (3, 3, B, N) stiffness of a fingertip in pass 2
-    wt: Tensor  # (6, 3, B, N) A_b^T of that: wrench by motion of a fingertip
-    follow: Tensor  # (6, 2 B, N) motion of the tool by slides
-    side: Tensor  # (C, 2, B, N) joints by forces along the tangents, the finger alone, without the flag
+def _solve(factor: _Factor, w: Tensor) -> Tensor:
+    """Solve K x = w for w (6, N)."""
+    rotation = times(factor.schur, w[3:] - times(factor.coupling.transpose(0, 1), w[:3]))
+    return torch.cat([times(factor.inverse, w[:3]) - times(factor.coupling, rotation), rotation])
 
 
-def _along(a_t: Tensor, x: Tensor) -> Tensor:
-    """A_b x (3, B, N) for a motion x (6, N)."""
-    return (a_t * x[:, None, None]).sum(0)
+class _Statics(torch.autograd.Function):
+    """One pass of the layer and its adjoint.
 
-
-def _against(a_t: Tensor, f: Tensor) -> Tensor:
-    """The wrench (6, N) of forces f (3, B, N): the sum of A_b^T f."""
-    return (a_t * f).flatten(1, 2).sum(1)
-
-
-def _solved(k: Tensor, free: Tensor, w: Tensor) -> Tensor:
-    """K^-1 w (6, N), refined once: K is all but singular where contacts let the tool turn."""
-    x = times(free, w)
-    return x + times(free, w - times(k, x))
-
-
-def _own_blocks(met: Tensor, branches: int) -> Tensor:
-    """The blocks (3, 2, N, B) of met (3 B, 2 B, N) that are a contact's own, as a view."""
-    return met.unflatten(0, (AXES, branches)).unflatten(2, (2, branches)).diagonal(dim1=1, dim2=3)
-
-
-class _TwoPass(torch.autograd.Function):
-    """The layer and its adjoint."""
+    A pass is a linear solve. Its gradient is a second solve with the same factor, and all that reaches a branch's
+    stiffness is an outer product of two joint deflections: far cheaper than differentiating each step of the pass.
+    """
 
     @staticmethod
     def forward(  # type: ignore[override]
         ctx: Any,
-        scene: Scene,
-        has_tendon: Tensor | None,  # (B, 1) 1 where a branch has a gated tendon; None: pass 1 is all
-        k_spring: Tensor,  # (C, C, B, N)
-        eps_m: Tensor,  # (B, N)
+        k_q: Tensor,  # (C, C, B, N) joint stiffness of each branch
+        softness: Tensor,  # (3, 3, B, N) or broadcast: compliance of each contact, m/N
+        w: Tensor,  # (6, N) scaled wrench
+        c: Tensor,  # (B, N) contact flag
+        a: Tensor,  # (3, 6, B, N) scaled A_b
+        b_t: Tensor,  # (C, 3, B, N) B_b^T
         floor: Tensor,  # (6, 6, N) or broadcast: added to the scaled K_x, symmetric
-        d: Tensor,  # (C, B, N)
-        gain: Tensor,  # (B, N)
-        gate_params: Tensor,  # (3, B, N)
-        friction: Tensor | None,  # (B, N)
-        preload: Tensor | None,  # (2, B, N) along the tangents
-    ) -> tuple[Tensor, ...]:
-        """dx0 and dx (6, N), scaled, dq0 (C, B, N), gate (B, N), diagonal of K_x (6, N); of `Slide` all but slid."""
-        c, a_t = scene.c, scene.a_t
-        exactly = torch.float64  # a fingertip is up to 1e5 times as stiff along its bones as across
-        b_t, joints, stiff_tip = scene.b_t.to(exactly), k_spring.to(exactly), 1 / eps_m.to(exactly)
-        held = inverse_stiff(joints + product(stiff_tip * b_t, b_t.transpose(0, 1)))
-        v = stiff_tip * product(held, b_t)
-        left = add_to_diagonal(-product(b_t.transpose(0, 1), v), 1.0)  # of a fingertip's motion, to its contact
-        p = product(v.transpose(0, 1), product(joints, v)) + stiff_tip * product(left.transpose(0, 1), left)
-        held, v, p = (t.to(c.dtype) for t in (held, v, p))
-        wt = product(a_t, c * p)  # (6, 3, B, N)
-        k = outer(a_t, wt) + floor  # (6, 6, N)
-        free = inverse(k)
-        x = x0 = _solved(k, free, scene.w)
-        tip = _along(a_t, x0)
-        dq0 = scene.own * (times(v, tip) if scene.reach is None else times(scene.reach, x0[:, None]))
-        springs = _Springs(held, p, v, free, x0, tip, dq0)
-        tendons, slides, gate = None, None, torch.zeros_like(c)
-        slid: tuple[Tensor, ...] = ()
-        if has_tendon is not None:
-            alpha, beta, rho = gate_params
-            stretch = (dq0 * d).sum(0) - beta
-            gate = torch.sigmoid(alpha * stretch + rho) * has_tendon
-            stiff = gain * gate
-            bent, pulled = times(held, d), transposed_times(v, d)
-            share = 1 / (1 + stiff * (d * bent).sum(0))
-            on_tool = times(a_t, pulled)  # (6, B, N)
-            pull = c * stiff * share
-            k = k + (on_tool[:, None] * (pull * on_tool)).sum(2)
-            free = inverse(k)
-            x = _solved(k, free, scene.w)
-            tendons = _Tendons(gate, stretch, stiff, share, bent, pulled, on_tool)
-        x_stuck = x
-        if friction is not None and preload is not None and scene.pressing is not None:
-            branches, p_tip = len(c), c * p
-            if tendons is not None:
-                p_tip = p_tip + (pull * pulled)[:, None] * pulled
-                wt = wt + on_tool[:, None] * (pull * pulled)
-            rows = wt.flatten(1, 2)  # (6, 3 B, N)
-            follow = product(free, rows[:, : 2 * branches])
-            met = -(rows[:, :, None] * follow[:, None]).sum(0)  # (3 B, 2 B, N)
-            _own_blocks(met, branches).add_(p_tip[:, :2].mT)
-            tangential = b_t[:, :2]
-            side = product(inverse(joints), tangential)
-            give = (eps_m + 0.5 * (side * tangential).flatten(0, 1).sum(0)).to(c.dtype)
-            stuck = Stuck(_along(wt, x).flatten(0, 1), met, give)
-            grip = Grip(friction, preload, scene.pressing, c)
-            found, steps = slide(grip, stuck)
-            x = x + times(follow, found.slid)
-            slides = _Slides(grip, stuck, found, steps, p_tip, wt, follow, side.to(c.dtype))
-            slid = found[1:]
-        ctx.kept = scene, springs, d, gain, gate_params, tendons, slides, free, x_stuck
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+        """Scaled K_x (6, 6, N), scaled displacement (6, N), joint deflections (C, B, N), forces (3, B, N), and the
+        stiffness of each fingertip (3, 3, B, N)."""
+        compliance = inverse(k_q)  # (C, C, B, N)
+        cb = product(compliance, b_t)  # (C, 3, B, N) K^-1 B^T
+        p = inverse_3x3(product(b_t.transpose(0, 1), cb) + softness)  # (3, 3, B, N) stiffness of a fingertip
+        wa = product(p, a)  # (3, 6, B, N) its force by motion of the tool
+        k = sum(product(a[:, :, i].transpose(0, 1), c[i] * wa[:, :, i]) for i in range(c.shape[0]))
+        k = k + floor  # (6, 6, N)
+        factor = _factorise(k)
+        x = _solve(factor, w)
+        v = times(wa, x[:, None])  # (3, B, N) force on a fingertip in contact
+        dq = times(cb, v)  # (C, B, N)
+        ctx.save_for_backward(c, a, b_t, compliance, cb, p, wa, x, v, dq, *factor)
         ctx.set_materialize_grads(False)
-        return tuple(t.detach() for t in (x0, x, dq0, gate, k.diagonal().mT, *slid))  # what is kept is no result
+        return k, x, c * dq, c * v, p
 
     @staticmethod
     def backward(ctx: Any, *gradients: Tensor | None) -> tuple:  # type: ignore[override]
-        scene, springs, d, gain, gate_params, tendons, slides, free, x = ctx.kept
-        c, a_t = scene.c, scene.a_t
-        g_x0, g_x, g_dq, g_gate, g_diagonal, *g_slide = gradients  # None where a result was not used
-        g_x = torch.zeros_like(scene.w) if g_x is None else g_x
-        g_friction = g_preload = g_give = None
-        if slides is not None:
-            g_x, g_k, g_wt, g_p, g_give, g_friction, g_preload = _slides_adjoint(slides, free, x, g_x, g_slide)
-            adjoint = times(free, g_x)
-            g_k = g_k - adjoint[:, None] * x
-            if g_diagonal is not None:
-                add_to_diagonal(g_k, g_diagonal)
-            g_wt = g_wt + product(g_k.transpose(0, 1), a_t.flatten(1, 2)).unflatten(1, a_t.shape[1:3])
-            g_p = g_p + product(a_t.transpose(0, 1), g_wt)
-        else:
-            adjoint = times(free, g_x)
-            g_p = -_along(a_t, adjoint)[:, None] * _along(a_t, x)
-            if g_diagonal is not None:
-                g_p = g_p + (a_t[:, :, None] * (a_t * g_diagonal[:, None, None])[:, None]).sum(0)
-        q = (0.5 * c) * (g_p + g_p.transpose(0, 1))  # by the stiffness of fingertips, (3, 3, B, N)
-
-        v, p, g_d, g_gain, g_gate_params, held = springs.v, springs.p, None, None, None, None
-        if tendons is not None:
-            alpha, gate, pulled = gate_params[0], tendons.gate, tendons.pulled
-            theta = tendons.stiff * tendons.share
-            v = v - (theta * tendons.bent)[:, None] * pulled  # those of pass 2
-            p = p + (theta * pulled)[:, None] * pulled
-            along = times(q, pulled)
-            g_stiff = tendons.share**2 * (pulled * along).sum(0)
-            g_gain = gate * g_stiff
-            inner = gain * g_stiff if g_gate is None else gain * g_stiff + g_gate
-            inner = inner * gate * (1 - gate)
-            by_stretch = alpha * inner
-            g_gate_params = torch.stack([inner * tendons.stretch, -by_stretch, inner])
-            g_d = 2 * theta * times(v, along) + by_stretch * springs.dq
-            if scene.reach is None:
-                held = (c * by_stretch) * tendons.bent, (c * by_stretch) * pulled
-            else:
-                g_dq = by_stretch * d if g_dq is None else by_stretch * d + g_dq
-        g_k_spring = product(product(v, q), v.transpose(0, 1))
-        g_eps_m = -(product(p, q) * p).flatten(0, 1).sum(0)
+        g_k, g_x, g_dq, g_f, g_p = gradients  # None where a result was not used
+        c, a, b_t, compliance, cb, p, wa, x, v, dq, *parts = ctx.saved_tensors
+        factor = _Factor(*parts)
+        g_x = wa.new_zeros(wa.shape[1], wa.shape[-1]) if g_x is None else g_x
+        soft, y = torch.zeros_like(dq), torch.zeros_like(v)
+        if g_dq is not None or g_f is not None:  # these depend on stiffness and contact directly, not only through x
+            soft = soft if g_dq is None else c * times(compliance, g_dq)  # (C, B, N)
+            y = times(p, times(b_t.transpose(0, 1), soft) + (0.0 if g_f is None else c * g_f))  # (3, B, N)
+            g_x = g_x + times(a.transpose(0, 1), y).sum(1)
+        adjoint = _solve(factor, g_x)  # (6, N)
+        u = c * times(wa, adjoint[:, None]) - y  # (3, B, N)
+        g_kq = (times(cb, u) + soft)[:, None] * -dq
+        g_softness = u[:, None] * v
+        if g_k is not None:
+            cwg = c * product(wa, g_k[:, :, None])  # (3, 6, B, N)
+            g_softness = g_softness - product(cwg, wa.transpose(0, 1))
+            g_kq = g_kq + product(product(cb, cwg), product(cb, wa).transpose(0, 1))
+        if g_p is not None:
+            pgp = product(product(p, g_p), p)
+            g_softness = g_softness - pgp
+            g_kq = g_kq + product(product(cb, pgp), cb.transpose(0, 1))
         g_floor = None
-        if ctx.needs_input_grad[4]:
-            g_floor = -adjoint[:, None] * x if slides is None else g_k
-            if slides is None and g_diagonal is not None:
-                add_to_diagonal(g_floor, g_diagonal)
-        if not (g_x0 is None and g_dq is None and held is None):
-            by_springs, by_eps_m, by_floor = _springs_adjoint(scene, springs, g_x0, g_dq, held)
-            g_k_spring, g_eps_m = g_k_spring + by_springs, g_eps_m + by_eps_m
-            g_floor = None if g_floor is None else g_floor + by_floor
-        if g_give is not None:
-            side = slides.side
-            g_k_spring = g_k_spring - product((0.5 * g_give) * side, side.transpose(0, 1))
-            g_eps_m = g_eps_m + g_give
-        return None, None, g_k_spring, g_eps_m, g_floor, g_d, g_gain, g_gate_params, g_friction, g_preload
+        if ctx.needs_input_grad[6]:
+            g_floor = -adjoint[:, None] * x + (0.0 if g_k is None else g_k)
+        return g_kq, g_softness if ctx.needs_input_grad[1] else None, None, None, None, None, g_floor
 
 
-def _springs_adjoint(
-    scene: Scene, springs: _Springs, g_x: Tensor | None, g_dq: Tensor | None, held: tuple[Tensor, Tensor] | None
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Gradients by k_spring, eps_m and floor from those by pass 1's motion (6, N) and joint deflections (C, B, N).
-
-    `held` are joint deflections (C, B, N) and forces (3, B, N) by torques on joints whose fingertips are held.
-    """
-    v, p = springs.v, springs.p
-    g_x = torch.zeros_like(scene.w) if g_x is None else g_x
-    bend, force = held or (torch.zeros_like(springs.dq), torch.zeros_like(springs.tip))
-    if g_dq is not None:
-        turn = scene.own * g_dq
-        if scene.reach is None:
-            bend, force = bend + times(springs.held, turn), force + transposed_times(v, turn)
-        else:
-            g_x = g_x + transposed_times(scene.reach, turn).sum(1)
-    adjoint = times(springs.free, g_x + _against(scene.a_t, force))
-    tip = scene.c * _along(scene.a_t, adjoint)
-    by_eps_m = ((times(p, tip) - force) * times(p, springs.tip)).sum(0)
-    return (bend + times(v, tip))[:, None] * -times(v, springs.tip), by_eps_m, -adjoint[:, None] * springs.x
-
-
-def _slides_adjoint(
-    slides: _Slides, free: Tensor, x: Tensor, g_x: Tensor, g_slide: list[Tensor | None]
-) -> tuple[Tensor, ...]:
-    """Gradients from those by the motion (6, N) and by `Slide` all but slid.
-
-    By the motion without slides, scaled K_x, wt, p of `slides`, give, friction, and preload.
-    """
-    follow, stuck = slides.follow, slides.stuck
-    g_slid = transposed_times(follow, g_x)
-    by, g_friction, g_preload = slide_adjoint(slides.grip, stuck, slides.slide, slides.steps, g_slid, g_slide)
-    g_force, branches = by.force.unflatten(0, (AXES, -1)), slides.wt.shape[2]
-    by_follow = g_x[:, None] * slides.slide.slid - (slides.wt.flatten(1, 2)[:, :, None] * by.met).sum(1)  # (6, 2 B, N)
-    y = product(free, by_follow)
-    g_wt = -(follow[:, None] * by.met).sum(2)  # (6, 3 B, N)
-    g_wt[:, : 2 * branches] += y
-    g_wt = g_force * x[:, None, None] + g_wt.unflatten(1, (AXES, branches))
-    g_p = torch.zeros_like(slides.p)
-    g_p[:, :2] = _own_blocks(by.met, branches).mT
-    g_k = -(y[:, None] * follow).sum(2)
-    return g_x + _against(slides.wt, g_force), g_k, g_wt, g_p, by.give, g_friction, g_preload
-
-
-def _reach(j_q: Tensor, j_x: Tensor, mask: Tensor, config: MechanicsConfig) -> Tensor:
-    """dq0 by dx0 (C, 6, B, N) by the regularised inverse of J_q, as the paper writes it; C = 3 alone: J_q is square."""
+def _joint_deflection_inverse(j_q: Tensor, j_x: Tensor, dx0: Tensor, config: MechanicsConfig) -> Tensor:
+    """dq0 (3, B, N) by the regularised inverse of J_q, as the paper writes it; for C = 3 alone, where J_q is square."""
     eye = torch.eye(AXES, dtype=j_q.dtype, device=j_q.device)[..., None, None]
-    return -mask[:, None] * product(inverse_3x3(j_q + config.eps_jq * eye), j_x)
+    return -times(inverse_3x3(j_q + config.eps_jq * eye), times(j_x, dx0[:, None]))
 
 
 def two_pass(
@@ -427,52 +191,57 @@ def two_pass(
     w_e): forming K_x squares the conditioning, which the exported models avoid by the square-root form of
     docs/mechanics.md. Gradients of a training step do well with float32, predictions are made in float64.
     """
-    config, length_m = constants.config, constants.length_m
+    config = constants.config
     k_spring, d, gain, gate_params = (batch_last(t).to(dtype) for t in springs)
-    c = contact.to(dtype).mT.contiguous()  # (B, N)
-    s = length_scaling(c, length_m)
-    a_t, minus_b_t = (reversed_axes(t).to(dtype) for t in (j_x, j_q))  # (6, 3, B, N), (C, 3, B, N)
+    c, a, minus_b = (batch_last(t).to(dtype) for t in (contact, j_x, j_q))
     mask = constants.coord_mask.to(dtype).mT[..., None]  # (C, B, 1)
-    reach = None
-    if config.dq0 == "inverse":
-        reach = _reach(minus_b_t.transpose(0, 1), a_t.transpose(0, 1), mask, config) * s[:, None, None]
-    a_t = a_t * s[:, None, None, None]
-    frame = pressing = friction = preload = None
-    if extras.friction is not None:
-        assert extras.preload is not None and extras.normal is not None and extras.normal_force is not None
-        frame = tangents(batch_last(extras.normal).to(dtype))  # (3, 3, B, N)
-        a_t, minus_b_t = (product(t, frame.transpose(0, 1)) for t in (a_t, minus_b_t))
-        pressing = extras.normal_force.to(dtype).mT
-        friction = extras.friction.to(dtype).mT.contiguous()
-        preload = c * times(frame[:2], batch_last(extras.preload).to(dtype))  # (2, B, N)
-    scene = Scene((w_e.to(dtype) * s).mT.contiguous(), c, a_t, -minus_b_t, c * mask, reach, frame, pressing)
+    s = length_scaling(c, constants.length_m)
+    w = (w_e.to(dtype) * s).mT.contiguous()  # (6, N)
     eps_m = (constants.eps_m if extras.eps_m is None else extras.eps_m).to(dtype)  # (), (B) or (N, B)
-    eps_m = (eps_m.mT if eps_m.ndim == 2 else eps_m[..., None]).expand_as(c)
+    eps_m = batch_last(eps_m) if eps_m.ndim == 2 else eps_m[..., None]
+    eye = torch.eye(AXES, dtype=dtype, device=c.device)[..., None, None]  # (3, 3, 1, 1)
+    softness = eps_m * eye  # (3, 3, 1 or B, 1 or N)
+    softness = softness.expand(AXES, AXES, *minus_b.shape[2:])
     floor = torch.diag(config.eps_kx * s * s)[..., None]  # (6, 6, 1)
     if extras.twist is not None:
-        assert extras.normal is not None
-        floor = floor + _twist_stiffness(extras.twist.to(dtype).mT, batch_last(extras.normal).to(dtype), c, length_m)
-    has_tendon = None
-    if any(constants.gated):
-        has_tendon = torch.tensor(constants.gated, dtype=dtype, device=c.device)[:, None]
-    x0, x, dq0, gate, k_diagonal, *slid = _TwoPass.apply(
-        scene, has_tendon, k_spring, eps_m, floor, d, gain, gate_params, friction, preload
-    )
-    slide_, use, share, pressed = slid or (torch.zeros_like(c),) * 4
-    results = dict(
-        dx0=(x0 * s[:, None]).mT,
-        dq0=batch_first(dq0),
-        gate=gate.mT,
-        k_diagonal=k_diagonal.mT,
-        x_scaled=x.mT,
-        dx=_cut(x * s[:, None], constants.limits).mT,
-        friction_use=use.mT,
-        slide=slide_.mT,
-        slide_share=share.mT,
-        pressed=pressed.mT,
-    )
-    known = Known(scene, k_spring, d, gain, eps_m, floor, s, friction, preload)
-    return Response(**{name: value.to(w_e.dtype) for name, value in results.items()}, known=known)
+        twist, normal = as_last(dtype, extras.twist, extras.normal)
+        floor = floor + _twist_stiffness(twist, normal, c, constants.length_m)
+    rest = (w, c, a * s[:, None, None], -minus_b.transpose(0, 1), floor)
+    k, x, dq, force, soft_tip = _Statics.apply(k_spring, softness, *rest)
+    tip = soft_tip
+    dx0 = x * s[:, None]  # (6, N)
+    if config.dq0 == "statics":
+        dq0 = dq * mask  # the contact flag is in the force already
+    else:
+        dq0 = _joint_deflection_inverse(minus_b, a, dx0, config) * mask * c
+    gated = constants.gated
+    if any(gated):
+        alpha, beta, rho = gate_params
+        gate = torch.sigmoid(alpha * ((dq0 * d).sum(0) - beta) + rho)  # (B, N)
+        if not all(gated):
+            gate = gate * c.new_tensor(gated)[:, None]
+        k_tendon = (gain * gate * d)[:, None] * d  # (C, C, B, N)
+    else:
+        gate, k_tendon = torch.zeros_like(gain), torch.zeros_like(k_spring)
+    if any(gated):
+        k, x, _, force, tip = _Statics.apply(k_spring + k_tendon, softness, *rest)
+    k_stuck, slid = k, Slide(*(torch.zeros_like(c),) * 4)
+    friction, preload = torch.zeros_like(c), torch.zeros_like(force)
+    if extras.friction is not None:
+        friction, preload, normal, pressing = as_last(
+            dtype, extras.friction, extras.preload, extras.normal, extras.normal_force
+        )
+        across = eye - normal[:, None] * normal  # (3, 3, B, N)
+        preload = c * times(across, preload)
+        slid = slide(Grip(friction, preload, normal, pressing), force, tip, soft_tip, rest[2], c, k)
+        k, x, *_ = _Statics.apply(k_spring + k_tendon, softness + c * slid.compliance * across, *rest)
+    k_scaled, k_x = (v.movedim(-1, 0) for v in (k_stuck, k))
+    dx = _cut(x * s[:, None], constants.limits)
+    branches = (batch_first(t) for t in (dq0, gate, k_tendon))
+    of_contacts = (slid.use, slid.compliance, slid.share, slid.pressed, friction, preload)
+    contacts = (batch_first(t) for t in of_contacts)
+    response = (dx0.mT, *branches, k_scaled, x.mT, k_x / (s[:, None] * s), dx.mT, *contacts)
+    return Response(*(t.to(w_e.dtype) for t in response))
 
 
 def _cut(dx: Tensor, limits: tuple[float, float] | None) -> Tensor:
@@ -480,7 +249,7 @@ def _cut(dx: Tensor, limits: tuple[float, float] | None) -> Tensor:
     if limits is None:
         return dx
     sizes = torch.stack([torch.linalg.vector_norm(part, dim=0) for part in (dx[:AXES], dx[AXES:])])  # (2, N)
-    over = sizes / torch.tensor(limits, dtype=dx.dtype, device=dx.device)[:, None]
+    over = sizes / dx.new_tensor(limits)[:, None]
     return dx / over.amax(0).clamp_min(1)
 
 

@@ -25,7 +25,7 @@ from aminn_hand.sensors import FRICTION, FRICTION_SPREAD, NOMINAL_FRICTION, faul
 from aminn_hand.theta import Theta
 
 from ..hand.nominal import Nominal, nominal_of, stiffness_terms
-from .batched import batch_first, batch_last, packed_cholesky, product, reversed_axes
+from .batched import batch_first, batch_last, packed_cholesky, product
 from .config import MechanicsConfig, ModelConfig
 from .mechanics import NO_EXTRAS, Constants, Extras, Response, Springs, length_scaling, two_pass
 from .normaliser import Normaliser
@@ -250,9 +250,7 @@ class Backbone(nn.Module):
         """Direction (C, B, N), gain (B, N) and gate parameters (3, B, N) from head outputs and nominal gains (B, N)."""
         d, k, al, be, rh = (part[name] for name in ("direction", "gain", "alpha", "beta", "rho"))
         if not all(self.gated):
-            mask = (
-                mask * torch.tensor(self.gated, dtype=mask.dtype, device=mask.device)[:, None]
-            )  # no direction where there is no tendon
+            mask = mask * mask.new_tensor(self.gated)[:, None]  # no direction where there is no tendon
         r = self.config.log_range
         v = (self.tendon_dir_nom.mT[..., None] + d) * mask  # (C, B, N)
         direction = v / torch.sqrt((v * v).sum(0) + 1e-12)
@@ -300,9 +298,9 @@ class Backbone(nn.Module):
         """`preload_of_weight` (N, B, 3) where the tool's weight is known, else 0."""
         known, weight = x["tool_weight"].to(self.precision).split([1, AXES], -1)
         contacts = batch_last(x["contacts"]).to(self.precision)  # (8, B, N)
-        scale = length_scaling(contacts, self.length_m)[:, None, None]  # (6, 1, 1)
-        a_t = reversed_axes(x["j_x"]).to(self.precision) * scale[..., None]
-        found = preload_of_weight(weight.mT, contacts[0], a_t, contacts[4:7], contacts[7], self.length_m)
+        scale = length_scaling(contacts, self.length_m)[:, None, None]
+        a = batch_last(x["j_x"]).to(self.precision) * scale
+        found = preload_of_weight(weight.mT, contacts[0], a, contacts[4:7], contacts[7], self.length_m)
         return known[..., None] * batch_first(found)
 
     def _compliance(self, x: dict[str, Tensor]) -> Tensor | None:
@@ -383,7 +381,7 @@ class Stage1(nn.Module):
         """What the statics say (N, `Dims.aux`): motion, its size in logarithm; log diag(K_x); gates; contacts."""
         size = motion_size(r)
         log_size = log_motion(size, self.config)
-        diag = torch.log(r.k_diagonal)  # (N, 6)
+        diag = torch.log(torch.diagonal(r.k_scaled, dim1=-2, dim2=-1))  # (N, 6)
         gates = (r.gate,) if self.dims.gates else ()
         contacts = (contact_statics(r),) if self.dims.slides else ()
         return torch.cat([r.x_scaled * (log_size / size), diag, *gates, *contacts], -1)
@@ -521,8 +519,8 @@ class Aminn(Cascade):
         out = {"p_stable": torch.sigmoid(logit), "dx_ht": r2.dx, "k_x": r2.k_x, "gate": r2.gate}
         out |= {"p_slide": p_slide, "bound_95": bound, "friction_use": r1.friction_use}
         for prefix, springs, r in (("s1_", springs1, r1), ("s2_", springs2, r2)):
-            found = springs._asdict()
-            out |= {prefix + k: found[k] if k in found else getattr(r, k) for k in self.hand.dims.debug}
+            found = springs._asdict() | r._asdict()
+            out |= {prefix + name: found[name] for name in self.hand.dims.debug}
         return out
 
 
