@@ -58,7 +58,7 @@ constexpr int kBlock = 8;
 inline void dense_block(const float *w, int step, const float *b, const float *x, int n_in, float *y)
 {
     __asm volatile(AMINN_BLOCK_OF(AMINN_ROW_OF_FLOAT32)
-                   : [w] "+r"(w), [x] "+r"(x), [n] "+r"(n_in)
+                   : [w] "+&r"(w), [x] "+&r"(x), [n] "+&r"(n_in)
                    : [b] "r"(b), [y] "r"(y), [step] "r"(step * static_cast<int>(sizeof *w)), [zero] "r"(kMinusZeros)
                    : AMINN_BLOCK_REGISTERS);
 }
@@ -67,7 +67,7 @@ inline void dense_block(const uint16_t *w, int step, const float *b, const float
     uint32_t t;
     uint32_t u;
     __asm volatile(AMINN_BLOCK_OF(AMINN_ROW_OF_FLOAT16)
-                   : [w] "+r"(w), [x] "+r"(x), [n] "+r"(n_in), [t] "=&r"(t), [u] "=&r"(u)
+                   : [w] "+&r"(w), [x] "+&r"(x), [n] "+&r"(n_in), [t] "=&r"(t), [u] "=&r"(u)
                    : [b] "r"(b), [y] "r"(y), [step] "r"(step * static_cast<int>(sizeof *w)), [zero] "r"(kMinusZeros)
                    : AMINN_BLOCK_REGISTERS);
 }
@@ -78,7 +78,7 @@ inline void dense_block(const int8_t *w, int step, const float *, const float *x
     uint32_t u;
     uint32_t v;
     __asm volatile(AMINN_BLOCK_OF(AMINN_ROW_OF_INT8)
-                   : [w] "+r"(w), [x] "+r"(x), [n] "+r"(n_in), [t] "=&r"(t), [u] "=&r"(u), [v] "=&r"(v)
+                   : [w] "+&r"(w), [x] "+&r"(x), [n] "+&r"(n_in), [t] "=&r"(t), [u] "=&r"(u), [v] "=&r"(v)
                    : [b] "r"(kMinusZeros), [y] "r"(y), [step] "r"(step), [zero] "r"(kMinusZeros)
                    : AMINN_BLOCK_REGISTERS);
 }

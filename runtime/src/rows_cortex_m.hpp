@@ -40,7 +40,7 @@ AMINN_FUNCTION void clear_rows(Row *rows, int n)
     __asm volatile("    vmov s0, s1, %[zero], %[zero]\n    vmov s2, s3, %[zero], %[zero]\n"
                    "    vmov s4, s5, %[zero], %[zero]\n1:  vstmia %[rows]!, {s0-s5}\n"
                    "    subs %[n], #1\n    bne 1b"
-                   : [rows] "+r"(rows), [n] "+r"(n)
+                   : [rows] "+&r"(rows), [n] "+&r"(n)
                    : [zero] "r"(0)
                    : AMINN_ROW_REGISTERS);
 }
@@ -86,7 +86,7 @@ AMINN_FUNCTION void sum_of_squares(Row &to, const Row *rows, int n, const float 
                    "    vmul.f32 s9, s9, s9\n    vmul.f32 s10, s10, s10\n    vmul.f32 s11, s11, s11\n" AMINN_SIX(
                        "vmla.f32", "s12") "    subs %[n], #1\n"
                                           "    bne 1b\n" AMINN_STORE
-                   : [row] "+r"(rows), [n] "+r"(n), [weight] "+r"(weight)
+                   : [row] "+&r"(rows), [n] "+&r"(n), [weight] "+&r"(weight)
                    : [a] "r"(to.v), [zero] "r"(kMinusZeros)
                    : AMINN_ROW_REGISTERS, "s12");
 }
@@ -108,7 +108,7 @@ AMINN_FUNCTION void weighted_sum(Row &to, const Row *row, int n, const float *q,
                    "    subs %[n], #1\n"
                    "    bne 1b\n"
                    "2:\n" AMINN_SIX_PAIRS("vadd.f32") AMINN_STORE
-                   : [row] "+r"(row), [n] "+r"(n), [q] "+r"(q), [p] "+r"(p)
+                   : [row] "+&r"(row), [n] "+&r"(n), [q] "+&r"(q), [p] "+&r"(p)
                    : [a] "r"(to.v), [zero] "r"(kMinusZeros), [step] "r"(step)
                    : AMINN_ROW_REGISTERS, "s12", "s13", "s14", "s15", "s16", "s17", "s18", "s19");
 }
@@ -130,7 +130,7 @@ AMINN_FUNCTION void subtract_products(Row *rows, int n, const float *p, const Ro
                    "    adds %[p], #24\n" AMINN_SIX("vmls.f32", "s12") "    vstmia %[row]!, {s0-s5}\n"
                                                                        "    subs %[n], #1\n"
                                                                        "    bne 1b"
-                   : [row] "+r"(rows), [n] "+r"(n), [p] "+r"(p)
+                   : [row] "+&r"(rows), [n] "+&r"(n), [p] "+&r"(p)
                    : [factor] "r"(factor.v)
                    : AMINN_ROW_REGISTERS, "s12");
 }
@@ -168,7 +168,7 @@ AMINN_FUNCTION void six_squares(Row *to, const Row *row, int n, const float *wei
         "    vstmia %[to]!, {s15-s17}\n" "    adds %[to], #16\n"
         "    vstmia %[to]!, {s18-s19}\n" "    adds %[to], #20\n"
         "    vstmia %[to], {s20}\n"
-        : [to] "+r"(to), [row] "+r"(row), [n] "+r"(n), [weight] "+r"(weight)
+        : [to] "+&r"(to), [row] "+&r"(row), [n] "+&r"(n), [weight] "+&r"(weight)
         : [zero] "r"(kMinusZeros)
         : AMINN_ALL_REGISTERS);
     // clang-format on
@@ -236,7 +236,7 @@ AMINN_FUNCTION void six_forces(const Row *e, const Row &held, const float *s, fl
         "    vldmdb %[force]!, {s27}\n" "    vldmdb %[s]!, {s28}\n" AMINN_MUL(21, 27, 21) AMINN_MUL(28, 28, 21)
         "    vstmdb %[sigma]!, {s28}\n"
         "    vstmia %[force], {s21-s26}\n"
-        : [e] "+r"(e), [s] "+r"(s), [force] "+r"(force), [sigma] "+r"(sigma)
+        : [e] "+&r"(e), [s] "+&r"(s), [force] "+&r"(force), [sigma] "+&r"(sigma)
         : [held] "r"(held.v)
         : AMINN_ALL_REGISTERS);
     // clang-format on

@@ -72,7 +72,7 @@ AMINN_FUNCTION void weighted_sum(SlideRow &to, const SlideRow *row, int n, const
                        AMINN_SLIDE_ADD) "    subs %[n], #1\n    beq 2f\n" AMINN_SLIDE_LOAD_ROW
                        AMINN_SLIDE_EACH(AMINN_SLIDE_ADD_ODD) "    subs %[n], #1\n    bne 1b\n2:\n" AMINN_SLIDE_EACH(
                            AMINN_SLIDE_JOIN) "    vstmia %[a], " AMINN_SLIDE_SUMS
-                   : [row] "+r"(row), [n] "+r"(n), [q] "+r"(q), [p] "+r"(p)
+                   : [row] "+&r"(row), [n] "+&r"(n), [q] "+&r"(q), [p] "+&r"(p)
                    : [a] "r"(to.v), [zero] "r"(kMinusZeros), [step] "r"(step)
                    : AMINN_SLIDE_REGISTERS, "s30", "s31");
 }
@@ -92,7 +92,7 @@ AMINN_FUNCTION void subtract_products(SlideRow *rows, int n, const float *p, con
                    "\n    vldr s30, [%[p]]\n"
                    "    adds %[p], #24\n" AMINN_SLIDE_EACH(AMINN_SLIDE_SUBTRACT) "    vstmia %[row]!, " AMINN_SLIDE_SUMS
                                                                                  "\n    subs %[n], #1\n    bne 1b"
-                   : [row] "+r"(rows), [n] "+r"(n), [p] "+r"(p)
+                   : [row] "+&r"(rows), [n] "+&r"(n), [p] "+&r"(p)
                    : [factor] "r"(factor.v)
                    : AMINN_SLIDE_REGISTERS, "s30");
 }
@@ -112,7 +112,7 @@ AMINN_FUNCTION void squares(SlideRow *to, const SlideRow *rows, const float *wei
         int n = kCount;
         __asm volatile(AMINN_SLIDE_CLEAR_SUMS "1:\n" AMINN_SLIDE_LOAD_ROW AMINN_SLIDE_EACH(
                            AMINN_SLIDE_ADD) "    subs %[n], #1\n    bne 1b\n    vstmia %[a], " AMINN_SLIDE_SUMS
-                       : [row] "+r"(row), [n] "+r"(n), [q] "+r"(q), [p] "+r"(p)
+                       : [row] "+&r"(row), [n] "+&r"(n), [q] "+&r"(q), [p] "+&r"(p)
                        : [a] "r"(to[j].v), [zero] "r"(kMinusZeros), [step] "r"(sizeof *rows)
                        : AMINN_SLIDE_REGISTERS, "s30", "s31");
     }
