@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from synthetic import HANDS, hand
 
 from aminn_app.cli import main
-from aminn_app.play.page import inlined, scripts
+from aminn_app.play.page import _words, inlined, scripts
 from aminn_app.play.page import play as write_page
 from aminn_base.errors import AminnError
 
@@ -32,6 +32,11 @@ def test_one_file_without_a_network(page: Path) -> None:
     addresses = set(re.findall(r"https?://[^\s\"'`]+", re.sub(r'id="given">.*?</script>', "", text, flags=re.DOTALL)))
     assert addresses == {"http://www.w3.org/2000/svg"}, "a name, that nothing is fetched from"
     assert "default-src 'none'" in text and not re.search(r"^(import|export)\b", script, re.MULTILINE)
+
+
+def test_a_name_is_no_markup() -> None:
+    assert _words("finger1_tip") == "finger 1 tip"
+    assert _words('<img src="x" onerror=`f()`>&') == "img src=x onerror=f()"
 
 
 def test_the_pictures_hand_moves_as_the_hand_does(page: Path, tmp_path: Path) -> None:

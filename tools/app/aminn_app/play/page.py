@@ -260,5 +260,5 @@ def _numbers(values: NDArray[np.floating]) -> list[float]:
 
 
 def _words(name: str) -> str:
-    """A name as one reads it: "finger1" is finger 1."""
-    return re.sub(r"(?<=[a-z])(?=\d)", " ", name.replace("_", " ")).strip()
+    """A name as one reads it: "finger1" is finger 1. What would be markup in the page is left out."""
+    return re.sub(r"(?<=[a-z])(?=\d)", " ", re.sub(r"""[<>&"'`]""", "", name).replace("_", " ")).strip()
