@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,6 @@ from click.testing import CliRunner
 
 from aminn.data.dataset import load_dataset
 from aminn_app.cli import simulate as command
-from aminn_base.errors import AminnError
 from aminn_hand import Hand
 from aminn_hand.theta import Theta
 from aminn_sim import SimulationConfig, SimulationError, _core, simulate
@@ -216,9 +216,8 @@ def test_a_given_hand_is_simulated_and_varied_around(tmp_path: Path) -> None:
     assert data.grasps["theta"].tolist() == [expected, expected]
     assert data.manifest["config"]["mechanics"] == {"contact_thumb": -0.125, "spring_finger1_roll": 0.25}
     done = CliRunner().invoke(command, [*words, "--vary", "mechanics=0.25"])
-    assert done.exit_code == 1 and "is of another configuration (vary_mechanics 0.0 instead of 0.25)" in str(
-        done.exception
-    )
+    assert done.exit_code == 1
+    assert "is of another configuration (vary_mechanics 0.0 instead of 0.25)" in done.stderr
 
 
 def test_a_calibration_of_another_hand_is_refused(tmp_path: Path) -> None:
@@ -228,12 +227,12 @@ def test_a_calibration_of_another_hand_is_refused(tmp_path: Path) -> None:
     words = ["--out", str(out), "--grasps", "1", "--cases", "1", "--threads", "2", "--mechanics", str(file)]
     file.write_text(json.dumps({"theta": theta, "hand": "other", "hand_sha256": "0" * 64}))
     done = CliRunner().invoke(command, words)
-    assert isinstance(done.exception, AminnError) and not out.exists()
-    assert f"c.json: of hand other, and {HAND.name} is to be simulated" in str(done.exception)
+    assert done.exit_code == 1 and not out.exists()
+    assert f"c.json: of hand other, and {HAND.name} is to be simulated" in done.stderr
     file.write_text(json.dumps({"theta": theta, "hand": HAND.name, "hand_sha256": HAND.sha256}))
     (gripper,) = (hand for hand in shipped_hands() if hand.stem == "gripper")
     done = CliRunner().invoke(command, [*words, "--hand", str(gripper)])
-    assert f"of hand {HAND.name}, and {open_hand(gripper).hand.name} is to be simulated" in str(done.exception)
+    assert f"of hand {HAND.name}, and {open_hand(gripper).hand.name} is to be simulated" in done.stderr
     done = CliRunner().invoke(command, words)
     assert done.exit_code == 0, done.output
 
@@ -253,9 +252,7 @@ def test_a_calibration_of_another_hand_is_refused(tmp_path: Path) -> None:
 )
 def test_what_cannot_be_varied_is_named(tmp_path: Path, words: list[str], message: str) -> None:
     done = CliRunner().invoke(command, ["--out", str(tmp_path / "data"), *words])
-    assert isinstance(done.exception, AminnError), done.output
-    with pytest.raises(AminnError, match=message):
-        raise done.exception
+    assert done.exit_code == 1 and re.search(message, done.stderr), done.output
     assert not (tmp_path / "data").exists()
 
 
@@ -280,9 +277,7 @@ def test_what_is_no_hand_is_named(tmp_path: Path, text: str, message: str) -> No
     (tmp_path / "m.json").write_text(text)
     words = ["--out", str(tmp_path / "data"), "--mechanics", str(tmp_path / "m.json")]
     done = CliRunner().invoke(command, words)
-    assert isinstance(done.exception, AminnError), done.output
-    with pytest.raises(AminnError, match=message):
-        raise done.exception
+    assert done.exit_code == 1 and re.search(message, done.stderr), done.output
     assert not (tmp_path / "data").exists()
 
 
