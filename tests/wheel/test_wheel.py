@@ -98,8 +98,8 @@ def test_a_model_is_predicted_with_and_verified_outside_the_tree(outside: Path) 
 
 
 def test_cmake_leaves_the_simulation_out_or_refuses(tmp_path: Path) -> None:
-    """Where there is no MuJoCo; a folder without it stands in for the registry's, Debian's is kept out of sight."""
-    gone = ["-DAMINN_MUJOCO=nowhere", "-DCMAKE_DISABLE_FIND_PACKAGE_mujoco=ON", "-DCMAKE_FIND_LIBRARY_PREFIXES=no"]
+    """Where there is no MuJoCo; a folder without it stands in for the registry's, Debian's is said not to be found."""
+    gone = ["-DAMINN_MUJOCO=nowhere", "-DCMAKE_DISABLE_FIND_PACKAGE_mujoco=ON", "-DAMINN_MUJOCO_INCLUDE="]
     python = shutil.which("python", path=str(ROOT / ".venv" / "bin"))
     configure = ["cmake", "-S", str(ROOT / "sim"), f"-DPython_EXECUTABLE={python}", *gone]
     for how, code in (("AUTO", 0), ("ON", 1)):
