@@ -1,6 +1,7 @@
-// What is wrong with the page at this width: what leaves it, and texts that lie on one another.
+// What is wrong with the page at this width, with all that folds unfolded: what leaves it, and texts that lie on one another.
 () => {
-  const found = [], wide = document.documentElement.clientWidth;
+  const found = [], wide = document.documentElement.clientWidth, folded = [...document.querySelectorAll("details:not([open])")];
+  for (const e of folded) e.open = true; // what is folded has boxes too, one upon another
   if (document.documentElement.scrollWidth > wide) found.push(`the page is ${document.documentElement.scrollWidth} px wide`);
   for (const e of document.body.querySelectorAll("*")) {
     const box = e.getBoundingClientRect();
@@ -18,5 +19,6 @@
     for (let k = i + 1; k < boxes.length && boxes[k].top < boxes[i].bottom; k++)
       if (boxes[i].left < boxes[k].right && boxes[k].left < boxes[i].right) found.push(`"${boxes[i].text}" on "${boxes[k].text}"`);
   for (const img of document.images) if (!img.complete || !img.naturalWidth) found.push(`no picture: ${img.alt}`);
+  for (const e of folded) e.open = false;
   return found;
 }
