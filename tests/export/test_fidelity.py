@@ -96,9 +96,6 @@ def test_compilers_give_the_same_bits(tmp_path: Path, exported: RandomModel) -> 
     assert len(loads) == 1, "and so have the largest admissible loads"
 
 
-@pytest.mark.skipif(
-    not all(map(shutil.which, ("arm-none-eabi-g++", "qemu-system-arm"))), reason="no board (apt.sh arm)"
-)
 def test_a_core_without_an_fpu_learns_the_same_theta(build_dir: Path, tmp_path: Path) -> None:
     """gcc 12 made wrong code of what learns, and of that alone (compiler.hpp)."""
     golden = read_vectors(GOLDEN / "golden.bin")

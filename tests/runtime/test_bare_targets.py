@@ -7,7 +7,6 @@ no headers.
 from __future__ import annotations
 
 import re
-import shutil
 import subprocess
 from pathlib import Path
 
@@ -19,9 +18,6 @@ COMPILER = "arm-none-eabi-g++"
 ASKED_OF_C = {"memcmp", "memcpy", "memmove", "memset"}
 """What gcc calls in any program, freestanding or not."""
 OPTIONS = "-std=c++17 -mthumb -Os -ffreestanding -nostdinc -fno-exceptions -fno-rtti -fno-math-errno -Wall -Werror"
-
-
-pytestmark = pytest.mark.skipif(shutil.which(COMPILER) is None, reason="no Cortex-M compiler (apt.sh arm)")
 
 
 @pytest.mark.parametrize(

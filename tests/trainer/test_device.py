@@ -76,8 +76,8 @@ def test_a_device_that_is_none(name: str, reason: str) -> None:
         device_of(name)
 
 
-@pytest.mark.skipif(torch.cuda.is_available(), reason="this machine has a GPU")
-def test_what_is_said_without_a_gpu(data_dir: Path, tmp_path: Path) -> None:
+def test_what_is_said_without_a_gpu(data_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     args = ["--data", str(data_dir), "--device", "cuda"]
     for command, more in (
         (main, ["train", "--out", str(tmp_path / "run")]),
@@ -88,7 +88,7 @@ def test_what_is_said_without_a_gpu(data_dir: Path, tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs an NVIDIA GPU and a CUDA build of PyTorch")
 def test_a_gpu_trains_what_the_cpu_trains(data_dir: Path, runs: dict[str, Checkpoint], tmp_path: Path) -> None:
     from aminn.training.train import train
 
