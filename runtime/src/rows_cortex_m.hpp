@@ -112,12 +112,15 @@ AMINN_FUNCTION void weighted_sum(Row &to, const Row *row, int n, const float *q,
                    : [a] "r"(to.v), [zero] "r"(kMinusZeros), [step] "r"(step)
                    : AMINN_ROW_REGISTERS, "s12", "s13", "s14", "s15", "s16", "s17", "s18", "s19");
 }
-AMINN_INLINE void combine(Row &to, const Row *rows, int n, const float *c)
+template <int kCount>
+AMINN_INLINE void combine(Components<float, kCount> &to, const Components<float, kCount> *rows, int n, const float *c)
 {
     weighted_sum(to, rows, n, c, kOnes, 0);
 }
 // of column j of q with all columns of the rows: to = sum_r (weight[r] q[r][j]) rows[r]
-AMINN_INLINE void inner_products(Row &to, const Row *rows, int n, const float *weight, const Row *q, int j)
+template <int kCount>
+AMINN_INLINE void inner_products(Components<float, kCount> &to, const Components<float, kCount> *rows, int n,
+                                 const float *weight, const Row *q, int j)
 {
     weighted_sum(to, rows, n, weight, &q->v[j], sizeof *q);
 }
@@ -135,7 +138,9 @@ AMINN_FUNCTION void subtract_products(Row *rows, int n, const float *p, const Ro
                    : AMINN_ROW_REGISTERS, "s12");
 }
 // rows[r] -= q[r][j] factor
-AMINN_INLINE void eliminate(Row *rows, int n, const Row *q, int j, const Row &factor)
+template <int kCount>
+AMINN_INLINE void eliminate(Components<float, kCount> *rows, int n, const Row *q, int j,
+                            const Components<float, kCount> &factor)
 {
     subtract_products(rows, n, &q->v[j], factor);
 }

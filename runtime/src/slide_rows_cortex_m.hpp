@@ -76,15 +76,6 @@ AMINN_FUNCTION void weighted_sum(SlideRow &to, const SlideRow *row, int n, const
                    : [a] "r"(to.v), [zero] "r"(kMinusZeros), [step] "r"(step)
                    : AMINN_SLIDE_REGISTERS, "s30", "s31");
 }
-AMINN_INLINE void combine(SlideRow &to, const SlideRow *rows, int n, const float *c)
-{
-    weighted_sum(to, rows, n, c, kOnes, 0);
-}
-// of column j of q with all columns of the rows: to = sum_r (weight[r] q[r][j]) rows[r]
-AMINN_INLINE void inner_products(SlideRow &to, const SlideRow *rows, int n, const float *weight, const Row *q, int j)
-{
-    weighted_sum(to, rows, n, weight, &q->v[j], sizeof *q);
-}
 // rows[r] -= p[6 r] factor
 AMINN_FUNCTION void subtract_products(SlideRow *rows, int n, const float *p, const SlideRow &factor)
 {
@@ -95,11 +86,6 @@ AMINN_FUNCTION void subtract_products(SlideRow *rows, int n, const float *p, con
                    : [row] "+&r"(rows), [n] "+&r"(n), [p] "+&r"(p)
                    : [factor] "r"(factor.v)
                    : AMINN_SLIDE_REGISTERS, "s30");
-}
-// rows[r] -= q[r][j] factor
-AMINN_INLINE void eliminate(SlideRow *rows, int n, const Row *q, int j, const SlideRow &factor)
-{
-    subtract_products(rows, n, &q->v[j], factor);
 }
 // the upper half of to = the inner products of the rows' columns, one row after the other; the lower half has no meaning
 template <int kColumns, int kCount>
