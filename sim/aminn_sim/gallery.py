@@ -231,7 +231,9 @@ class Screen:
         camera.lookat[:], camera.distance, camera.azimuth, camera.elevation = LOOK_AT_M, 0.29, 152, -14
         scene.flags[self.mujoco.mjtRndFlag.mjRND_SHADOW] = False
         everything = self.mujoco.mjtCatBit.mjCAT_ALL
-        self.mujoco.mjv_updateScene(model, data, self.mujoco.MjvOption(), None, camera, everything, scene)
+        seen = self.mujoco.MjvOption()
+        seen.sitegroup[:] = 0  # those of tendons are red, as the load is
+        self.mujoco.mjv_updateScene(model, data, seen, None, camera, everything, scene)
         return scene
 
     def _picture(self, model: Any, layers: list[tuple[Any, float, float]]) -> NDArray[np.uint8]:

@@ -68,8 +68,8 @@ def test_pictures_show_the_forces(gallery_folder: Path) -> None:
         first, second = pixels(before), pixels(before.with_name(before.name.replace("before", "after")))
         assert first.shape == second.shape == (PIXELS, PIXELS, 3)
         assert 0.05 < (np.abs(first - first[0, 0]).max(-1) > 20).mean() < 0.7
-        assert coloured(first, CONTACT_RGBA) > 100
-        loads.append(coloured(second, LOAD_RGBA) - coloured(first, LOAD_RGBA))  # shades of other arrows are like it
+        assert coloured(first, CONTACT_RGBA) > 100 and coloured(first, LOAD_RGBA) == 0
+        loads.append(coloured(second, LOAD_RGBA))
     assert max(loads) > 300
 
 
@@ -158,7 +158,7 @@ def test_a_finished_data_set_is_looked_at_as_it_is(data_folder: Path) -> None:
     for command, said in ((["gallery", "--count", "1"], "pictures: "), (["card"], "data card: ")):
         result = CliRunner().invoke(main, [*command, "--data", str(data_folder)])
         assert result.exit_code == 0, result.output
-        assert result.output.startswith(said)
+        assert result.output.startswith(said) and "load cases" not in result.output
     assert times == {p.name: p.stat().st_mtime_ns for p in data_folder.glob("*.h5")}
 
 

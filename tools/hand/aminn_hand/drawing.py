@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 BRANCH_COLOURS = ("#1f5fa8", "#3a8f5c", "#8a5aa6", "#c2571a", "#2a8f9e")
 """One a branch, as many as a hand may have."""
-LOAD_COLOUR = "#b03a48"
+LOAD_COLOUR = "#c2182b"
 TURN_ANGLE = 1.5 * math.pi
 """How far the curved arrow of a moment goes round."""
 
