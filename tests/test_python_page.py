@@ -43,7 +43,7 @@ def test_the_page_runs_as_it_stands(place: Path) -> None:
     assert len(blocks) == 7
     said = run("\n".join(blocks), place)
     assert "of 320 hold" in said and "'pred_dx_ht_x'" in said and "changes the motion by" in said
-    assert "with friction and weight told" in said
+    assert "with friction and weight given" in said
     assert (place / "predictions.csv").read_text().count("\n") == 322
 
 
