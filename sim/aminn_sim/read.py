@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError, InUseError
+from aminn_base.hdf5 import read_field
 from aminn_base.lock import read_shared
 from aminn_base.read import AnyPath, read_json, require
+from aminn_base.seal import check_seal
 from aminn_hand.hand import Hand
 
 from .errors import SimulationError
@@ -75,6 +77,7 @@ def read_data(folder: AnyPath) -> SimulatedData:
         manifest = read_json(folder / "manifest.json", "the manifest of a data set")
         if manifest.get("origin") == "measured":
             raise AminnError("it was measured, and this is for simulated data")
+        check_seal(folder / "manifest.json", manifest, "simulate the data set again")
         require(folder / "manifest.json", manifest, MANIFEST_KEYS, "simulate the data set again")
         schema = groups_of(Hand.from_dict(manifest["hand"]), "theta_names" in manifest)
         groups: dict[str, list[dict[str, Array]]] = {group: [] for group in schema}
@@ -85,7 +88,7 @@ def read_data(folder: AnyPath) -> SimulatedData:
                 raise ValueError(f"{shard['file']} is damaged, its SHA-256 is not the manifest's")
             with h5py.File(io.BytesIO(content), "r") as file:
                 for group, parts in groups.items():
-                    parts.append({name: data[()] for name, data in file[group].items()})
+                    parts.append({name: read_field(data, len(content)) for name, data in file[group].items()})
             groups["noise"][-1]["sample"] = groups["noise"][-1]["sample"] + before
             before += shard["n_samples"]
         joined = {g: {k: np.concatenate([p[k] for p in parts]) for k in parts[0]} for g, parts in groups.items()}

@@ -25,11 +25,12 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from aminn_base.errors import WriteError
+from aminn_base.errors import OutdatedError, WriteError
 from aminn_base.files import refuse_inputs, write_atomically, write_json
 from aminn_base.lock import locked_folder, read_shared
 from aminn_base.progress import note, progress_bar
 from aminn_base.read import AnyPath
+from aminn_base.seal import check_seal, sealed
 from aminn_hand.hand import Hand
 from aminn_hand.theta import Theta
 
@@ -136,6 +137,7 @@ def simulate(
         manifest = build_manifest(config, work.digest, opened.hand, out, work.recorded)
         if work.build:
             manifest["simulator_build"] = work.build
+        manifest = sealed(manifest)
         write_json(out / MANIFEST, manifest)
         (out / UNFINISHED).unlink(missing_ok=True)
         if report and work.todo:
@@ -221,7 +223,7 @@ class _Work:
     def _record(self) -> None:
         shards = [{"file": k, "sha256": v} for k, v in self.recorded.items()]
         origin = {"simulator_build": self.build} | _origin(self.config, self.hand)
-        write_json(self.out / UNFINISHED, {"shards": shards} | origin)
+        write_json(self.out / UNFINISHED, sealed({"shards": shards} | origin))
 
     def _is_complete(self, number: int) -> bool:
         """Whether the shard is there and as it was written; one that no record vouches for is to be made again.
@@ -301,9 +303,13 @@ def _recorded(out: Path) -> dict[str, str]:
     found: dict[str, str] = {}
     for file in (out / UNFINISHED, out / MANIFEST):
         try:
-            found |= {str(shard["file"]): str(shard["sha256"]) for shard in json.loads(file.read_text())["shards"]}
+            content = json.loads(file.read_text())
+            found |= {str(shard["file"]): str(shard["sha256"]) for shard in content["shards"]}
+            check_seal(file, content, "delete it and simulate again")
         except FileNotFoundError:
             continue
+        except OutdatedError as error:
+            raise OutdatedDataError(str(error)) from error
         except (ValueError, KeyError, TypeError) as error:
             raise OutdatedDataError(f"{file}: not readable ({error}); delete it and simulate again") from error
     return found

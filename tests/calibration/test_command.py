@@ -25,6 +25,7 @@ from aminn.model.checkpoint import load_checkpoint, save_checkpoint
 from aminn.model.network import Aminn
 from aminn_app.cli import main
 from aminn_base.errors import AminnError
+from aminn_base.seal import JSON_KEY
 from aminn_hand import Hand
 from aminn_hand.theta import Theta
 from aminn_table import write_table
@@ -175,6 +176,10 @@ def test_inputs_are_not_overwritten(run: Path, draw: Draw, tmp_path: Path) -> No
 
 def test_calibrations_of_another_hand_or_damaged(written: Path, run_hand: Hand, tmp_path: Path) -> None:
     content, file = json.loads(written.read_text()), tmp_path / "calibration.json"
+    file.write_text(json.dumps(content | {"noise": 1.0}))
+    with pytest.raises(AminnError, match=r"calibration\.json: damaged, or changed by hand"):
+        read_calibration(file, run_hand)
+    del content[JSON_KEY]
     changes = {
         "format_version": (9, "format_version is 9, this program reads 1"),
         "hand_sha256": ("0", "not of synthetic"),

@@ -15,6 +15,7 @@ from click.testing import CliRunner
 from small_data import SMALL, begin
 
 from aminn_app.cli import main
+from aminn_base.seal import JSON_KEY
 from aminn_sim import SimulationConfig, SimulationError, _core, simulate
 from aminn_sim.build import in_words, simulator_build
 from aminn_sim.labels import Variant, compare, system_library
@@ -58,7 +59,7 @@ def test_going_on_with_another_build_is_refused(dataset_dir: Path, tmp_path: Pat
 def test_a_finished_data_set_keeps_the_build_that_it_is_of(dataset_dir: Path, tmp_path: Path, build: dict) -> None:
     folder = Path(shutil.copytree(dataset_dir, tmp_path / "data"))
     manifest = json.loads((folder / MANIFEST).read_text())
-    del manifest["simulator_build"]
+    del manifest["simulator_build"], manifest[JSON_KEY]
     (folder / MANIFEST).write_text(json.dumps(manifest | ({"simulator_build": build} if build else {})))
     assert simulate(SimulationConfig(**SMALL), folder, progress=False).get("simulator_build") == build
     assert json.loads((folder / MANIFEST).read_text()).get("simulator_build") == build

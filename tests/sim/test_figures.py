@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from aminn_base.seal import JSON_KEY
 from aminn_sim import SimulationConfig, _core, simulate
 from aminn_sim.errors import SimulationError
 from aminn_sim.figures import speed_figures, synergy_figures
@@ -45,7 +46,7 @@ def test_report_of_a_run(tmp_path: Path) -> None:
 @pytest.mark.parametrize("key", MANIFEST_KEYS)
 def test_a_manifest_without_a_key_is_named(key: str, dataset_dir: Path, tmp_path: Path) -> None:
     manifest = json.loads((dataset_dir / "manifest.json").read_text())
-    del manifest[key]
+    del manifest[key], manifest[JSON_KEY]
     (tmp_path / "manifest.json").write_text(json.dumps(manifest))
     with pytest.raises(SimulationError, match=f"manifest.json: {key} missing; simulate"):
         read_data(tmp_path)

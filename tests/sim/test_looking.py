@@ -15,6 +15,7 @@ from page_checks import faults, watch_labels
 from PIL import Image
 
 from aminn_app.cli import main
+from aminn_base.seal import JSON_KEY
 from aminn_sim import SimulationConfig, SimulationError, simulate
 from aminn_sim.build import in_words, simulator_build
 from aminn_sim.card import data_card
@@ -95,6 +96,7 @@ def test_pictures_repeat(data_folder: Path, gallery_folder: Path) -> None:
 def test_data_of_another_version_are_refused(data_folder: Path, tmp_path: Path) -> None:
     copy = Path(shutil.copytree(data_folder, tmp_path / "data", ignore=shutil.ignore_patterns("gallery")))
     manifest = json.loads((copy / "manifest.json").read_text())
+    del manifest[JSON_KEY]
     older = {"config": manifest["config"] | {"field_of_old": 1}}
     for change in ({"config_sha256": "0" * 64}, older):
         (copy / "manifest.json").write_text(json.dumps(manifest | change))

@@ -11,6 +11,7 @@ from typing import Any
 
 from aminn_base.errors import AminnError
 from aminn_base.read import read_json
+from aminn_base.seal import check_seal
 
 # Fields of the configuration that `--set` leaves to an option of their own.
 OWN_OPTIONS = {
@@ -75,6 +76,7 @@ def read_mechanics(file: Path, hand: Path | None) -> dict[str, float]:
     Raises AminnError where the file says that it is of another hand than the one of the hand file; None: built in.
     """
     content = read_json(file, "a hand's mechanics parameters")
+    check_seal(file, content, "run `aminn calibrate` again")
     theta = content.get("theta")
     if not isinstance(theta, dict):
         raise AminnError(f'{file}: expected {{"theta": {{NAME: VALUE}}}}, as aminn calibrate writes it')

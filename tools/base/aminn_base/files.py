@@ -18,6 +18,8 @@ from .errors import AminnError, WriteError
 MAX_LINKS = 40  # as many as Linux follows
 NO_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS, errno.EINVAL)
 """What flock says on a file system that has no locks."""
+NO_SYNC = (errno.EINVAL, errno.EBADF, errno.ENOTSUP, errno.ENOSYS)
+"""What fsync says of a folder where names need none."""
 
 
 def write_atomically(path: str | os.PathLike[str], content: bytes) -> None:
@@ -27,7 +29,8 @@ def write_atomically(path: str | os.PathLike[str], content: bytes) -> None:
     they name is replaced, in its own folder. A device, a FIFO and an open descriptor of this process (/dev/stdout) stay
     what they are and are written into, and so is a file that something is mounted on. Missing folders are made.
 
-    Raises WriteError where the file cannot be written; the old file is untouched then and nothing is left behind.
+    Raises WriteError where the file cannot be written: the old file is untouched then and nothing is left behind. Where
+    the disk fails at the very last, as the name is made to last, the new file is there.
     """
     path = Path(path)
     try:
@@ -141,7 +144,7 @@ def _is_replaceable(target: Path) -> bool:
 
 
 def _replace(target: Path, content: bytes) -> None:
-    target.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(target.parent)
     partial = target.with_name(f".{target.name}.partial")
     descriptor = _open_empty(partial)
     try:
@@ -162,7 +165,7 @@ def _replace(target: Path, content: bytes) -> None:
         raise
     finally:
         os.close(descriptor)
-    _sync_folder(target.parent)
+    sync_folder(target.parent)
 
 
 def _open_empty(partial: Path) -> int:
@@ -180,14 +183,27 @@ def _adopt(descriptor: int, old: os.stat_result) -> None:
     os.fchmod(descriptor, stat.S_IMODE(old.st_mode))
 
 
-def _sync_folder(folder: Path) -> None:
-    """Make the rename last, where the file system knows of such a thing."""
-    with suppress(OSError):
+def make_folder(folder: Path) -> None:
+    """Make a folder, and those above it, so that they last: each name is in the folder above."""
+    missing = [place for place in (folder, *folder.parents) if not place.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    for place in missing:
+        sync_folder(place.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """Make the names in a folder last, where the file system knows of such a thing. Raises OSError where that fails."""
+    try:
         descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
+    except PermissionError:  # a folder that may be written to, and not read
+        return
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno not in NO_SYNC:
+            raise
+    finally:
+        os.close(descriptor)
 
 
 def _write_into(target: Path, content: bytes) -> None:

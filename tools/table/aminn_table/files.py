@@ -15,6 +15,7 @@ import pyarrow.parquet as pq
 from numpy.typing import ArrayLike, NDArray
 
 from aminn_base.errors import AminnError
+from aminn_base.hdf5 import read_field
 from aminn_base.read import AnyPath, json_object, read_bytes, read_text
 
 from .checks import Fault, Rows
@@ -191,7 +192,7 @@ def _read_hdf5(path: str, content: bytes) -> Raw:
     """Arrays of the design's names, spread into the columns that they are; others stay what they are."""
     try:
         with h5py.File(io.BytesIO(content), "r") as file:
-            arrays = {name: item[()] for name, item in file.items() if isinstance(item, h5py.Dataset)}
+            arrays = {n: read_field(item, len(content)) for n, item in file.items() if isinstance(item, h5py.Dataset)}
             names = {name: item.attrs.get("columns") for name, item in file.items() if name in arrays}
             told = {name: str(value) for name, value in file.attrs.items()}
     except (OSError, KeyError, TypeError, ValueError, RuntimeError) as error:  # all of them h5py's

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from aminn_base.errors import AminnError, OutdatedError
-from aminn_base.files import write_atomically, write_json
+from aminn_base.files import sync_folder, write_atomically, write_json
 from aminn_base.read import AnyPath, read_json, require
+from aminn_base.seal import JSON_KEY, check_seal, sealed
 from aminn_hand import Hand
 from aminn_hand.theta import Theta, theta_bounds
 
@@ -41,6 +42,8 @@ def errors_of(checkpoint: Checkpoint) -> Errors:
     if not file.is_file():
         return Errors()
     content = read_json(file, "a model's errors")
+    check_seal(file, content, "remove it")
+    content.pop(JSON_KEY, None)
     if content.pop("checkpoint_sha256", None) != checkpoint.sha256:
         return Errors()
     kinds = {name: dict if name == "bias" else float for name in asdict(Errors())}
@@ -66,7 +69,7 @@ def learn_errors(checkpoint: Checkpoint, data: Dataset) -> Errors:
 def write_errors(checkpoint: Checkpoint, errors: Errors) -> Path:
     """Keep a model's errors beside it; returns the file."""
     file = checkpoint.path / ERRORS
-    write_json(file, asdict(errors) | {"checkpoint_sha256": checkpoint.sha256})
+    write_json(file, sealed(asdict(errors) | {"checkpoint_sha256": checkpoint.sha256}))
     return file
 
 
@@ -154,11 +157,14 @@ def as_header(content: dict[str, Any]) -> str:
 
 
 def write_calibration(out: AnyPath, found: Calibration, run_sha256: str) -> list[Path]:
-    """Write OUT.json and OUT.h; returns both."""
+    """Write OUT.json and OUT.h; returns both. An old header goes before: no cut leaves two that are not of one fit."""
     out, content = Path(out), as_json(found, run_sha256)
     header = out.with_suffix(".h")
+    if header.is_file() and not header.is_symlink():
+        header.unlink()
+        sync_folder(header.parent)
+    write_json(out, sealed(content))
     write_atomically(header, as_header(content).encode())
-    write_json(out, content)
     return [out, header]
 
 
@@ -169,6 +175,7 @@ def read_calibration(path: AnyPath, hand: Hand) -> Array:
     if content.get("format_version") != FORMAT_VERSION:
         found = content.get("format_version", "none")
         raise OutdatedError(f"{path}: format_version is {found}, this program reads {FORMAT_VERSION}; {ANEW}")
+    check_seal(path, content, ANEW)
     require(path, content, KEYS, ANEW)
     values = content["theta"]
     strange = [*(n for n in space.names if n not in values), *(n for n in values if n not in space.names)]

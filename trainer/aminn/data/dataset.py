@@ -18,8 +18,10 @@ import torch
 from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError
+from aminn_base.hdf5 import read_field
 from aminn_base.lock import read_shared
 from aminn_base.read import AnyPath, read_json, require
+from aminn_base.seal import check_seal
 from aminn_hand import Hand
 from aminn_hand.hand import N_WRENCH
 from aminn_hand.sensors import faults
@@ -201,6 +203,7 @@ def read_manifest(path: AnyPath) -> dict:
         newer = isinstance(version, int) and version > SCHEMA_VERSION
         remedy = "it was written by a newer AMINN, read it with that" if newer else ANEW
         raise AminnError(f"{file}: schema_version is {version}, this program reads {SCHEMA_VERSION}; {remedy}")
+    check_seal(file, manifest, ANEW)
     require(file, manifest, MANIFEST_KEYS, ANEW)
     for n, shard in enumerate(manifest["shards"]):
         require(f"{file}: shards[{n}]", _table(file, f"shards[{n}]", shard), SHARD_KEYS, ANEW)
@@ -246,7 +249,9 @@ def _read_shard(folder: Path, entry: dict, groups: Shapes, optional: Shapes) -> 
         raise AminnError(f"{path}: damaged, its SHA-256 is not the manifest's; delete it, and {ANEW}")
     try:
         with h5py.File(io.BytesIO(content), "r") as file:
-            shard = {group: {name: rows[()] for name, rows in file[group].items()} for group in groups}
+            shard = {
+                group: {name: read_field(rows, len(content)) for name, rows in file[group].items()} for group in groups
+            }
     except (OSError, KeyError, AttributeError, TypeError, ValueError, RuntimeError) as error:  # all of them h5py's
         raise AminnError(f"{path}: not a readable shard ({error}); {ANEW}") from error
     for group, key in (("samples", "n_samples"), ("grasps", "n_grasps")):

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically, write_json
 from aminn_base.lock import locked_folder
+from aminn_base.seal import sealed
 from aminn_hand import Hand
 from aminn_hand.hand import N_CONTACT_FEATURE, STATE
 from aminn_hand.theta import Theta
@@ -74,8 +75,9 @@ def write_measured(out: Path, hand: Hand, arrays: Mapping[str, NDArray], fallbac
         KNOWN_SHARES: shares,
         **theta,
     }
+    manifest = sealed(manifest)
     with locked_folder(out):
-        _refuse_another(out, manifest)
+        _refuse_another(out, manifest, content)
         write_atomically(out / SHARD, content)
         write_json(out / "manifest.json", manifest)
     return manifest
@@ -101,10 +103,12 @@ def _shard(groups: Mapping[str, Mapping[str, NDArray]]) -> bytes:
     return image.getvalue()
 
 
-def _refuse_another(out: Path, manifest: dict) -> None:
-    """Raises AminnError where the folder holds another data set."""
+def _refuse_another(out: Path, manifest: dict, content: bytes) -> None:
+    """Raises AminnError where the folder holds another data set than the one of this shard, finished or not."""
     files = [p.name for p in (*out.glob("manifest.json"), *out.glob("shard-*.h5"), *out.glob("unfinished.json"))]
     if files and "manifest.json" in files and read_manifest(out)["config_sha256"] == manifest["config_sha256"]:
+        return
+    if files == [SHARD] and (out / SHARD).read_bytes() == content:  # an import that was cut off
         return
     if files:
         raise AminnError(f"{out}: holds another data set ({files[0]}); remove it, or choose another folder")

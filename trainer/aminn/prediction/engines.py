@@ -201,7 +201,7 @@ class OnnxEngine(Engine):
 
     def _session(self, threads: int) -> ort.InferenceSession:
         if threads not in self._sessions:
-            self._sessions[threads] = onnx_session(self._content, threads)
+            self._sessions[threads] = onnx_session(self._content, threads, self.source)
         return self._sessions[threads]
 
     def run(self, x: Arrays, threads: int) -> Outputs:

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import onnxruntime as ort
 from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError
-from aminn_base.read import AnyPath
+from aminn_base.read import AnyPath, read_bytes
+from aminn_base.seal import check_bytes
 
 # Samples a call. ONNX Runtime's bits depend on it, and on the optimisation level.
 CHUNK = 1024
 OPTIMISATION_LEVEL = ort.GraphOptimizationLevel.ORT_ENABLE_ALL
 # Below it, Sqrt is up to 3.6 units in the last place off and half of the outputs have other bits.
 ONNXRUNTIME_AT_LEAST = (1, 21)
+FILE_HASH = "file_sha256"
+"""Key of a model's metadata: the SHA-256 of its file with zeros in this place."""
+HASH_MARK = FILE_HASH.encode() + b'\x12B"'
+"""What stands before it in the file: a text of 66 bytes, in quotation marks."""
 
 
 def check_onnxruntime() -> None:
@@ -29,18 +33,27 @@ def check_onnxruntime() -> None:
         )
 
 
-def onnx_session(model: AnyPath | bytes, threads: int) -> ort.InferenceSession:
-    """An ONNX Runtime session on so many threads. Raises AminnError if it is no model that ONNX Runtime can load."""
+def check_onnx(name: AnyPath, content: bytes) -> None:
+    """Raise OutdatedError where the file `name` of a model is not what the checksum in it says."""
+    check_bytes(name, content, HASH_MARK, "export the model again")
+
+
+def onnx_session(model: AnyPath | bytes, threads: int, name: AnyPath = "ONNX model") -> ort.InferenceSession:
+    """An ONNX Runtime session on so many threads; `name` is what messages call a model that is given as bytes.
+
+    Raises AminnError if it is no model that ONNX Runtime can load, or is damaged.
+    """
     check_onnxruntime()
     options = ort.SessionOptions()
     options.intra_op_num_threads, options.inter_op_num_threads = threads, 1
     options.graph_optimization_level = OPTIMISATION_LEVEL
     options.log_severity_level = 3  # not of a default that may be overridden
-    source = model if isinstance(model, bytes) else Path(model).read_bytes()
+    source = model if isinstance(model, bytes) else read_bytes(model)
+    name = name if isinstance(model, bytes) else model
+    check_onnx(name, source)
     try:
         return ort.InferenceSession(source, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # its exceptions have no common base of their own
-        name = "ONNX model" if isinstance(model, bytes) else model
         raise AminnError(f"{name}: ONNX Runtime cannot load it ({error})") from error
 
 

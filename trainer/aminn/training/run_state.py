@@ -7,6 +7,7 @@ atomically: a kill at any moment leaves the state of the last finished epoch or 
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +21,7 @@ from aminn_base.errors import OutdatedError
 from aminn_base.files import write_atomically
 from aminn_base.read import json_object
 
-FILE = "unfinished.safetensors"
+FILE, SHA256 = "unfinished.safetensors", "sha256"
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,16 @@ def save_run(folder: Path, identity: dict, state: RunState) -> None:
     """Write the state of the run `identity` into `folder`."""
     metadata = {"identity": json.dumps(identity, sort_keys=True), "progress": json.dumps(state.progress)}
     tensors = {k: v.detach().contiguous() for k, v in state.tensors.items()}
-    write_atomically(folder / FILE, save(tensors, metadata))
+    write_atomically(folder / FILE, save(tensors, metadata | {SHA256: _sha256(metadata, tensors)}))
+
+
+def _sha256(metadata: dict[str, str], tensors: dict[str, Tensor]) -> str:
+    """Of everything that a run goes on from."""
+    found = hashlib.sha256(f"{metadata['identity']}\n{metadata['progress']}".encode())
+    for name in sorted(tensors):
+        found.update(f"\n{name} {tensors[name].dtype} {tuple(tensors[name].shape)}\n".encode())
+        found.update(tensors[name].numpy().tobytes())
+    return found.hexdigest()
 
 
 def load_run(folder: Path, identity: dict) -> RunState | None:
@@ -75,6 +85,8 @@ def load_run(folder: Path, identity: dict) -> RunState | None:
             metadata = file.metadata() or {}
             found, progress = (json_object(metadata[name]) for name in ("identity", "progress"))
             tensors = {name: file.get_tensor(name) for name in file.keys()}
+        if metadata.get(SHA256) != _sha256(metadata, tensors):
+            raise ValueError("its SHA-256 is of other content")
     except (SafetensorError, KeyError, ValueError, OSError) as error:
         raise damaged(folder, error) from error
     if found != json.loads(json.dumps(identity)):

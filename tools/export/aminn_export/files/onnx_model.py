@@ -16,9 +16,11 @@ import numpy as np
 import onnx
 from numpy.typing import NDArray
 
+from aminn.prediction.onnx_session import FILE_HASH, HASH_MARK
 from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
 from aminn_base.read import AnyPath
+from aminn_base.seal import DIGITS, sealed_bytes
 from aminn_hand.hand import LEAST_MOTION_M, MAX_LOG_BOUND, N_CONTACT_FEATURE, N_WRENCH
 from aminn_hand.sensors import FRICTION_CLASSES, FRICTION_SPREAD
 
@@ -960,4 +962,10 @@ def build_onnx(exported: Exported, debug: bool = False) -> onnx.ModelProto:
 
 def write_onnx(exported: Exported, path: AnyPath, debug: bool = False) -> None:
     """Write `build_onnx` to `path`; the same tables give the same bytes."""
-    write_atomically(path, build_onnx(exported, debug).SerializeToString(deterministic=True))
+    write_sealed(build_onnx(exported, debug), path)
+
+
+def write_sealed(model: onnx.ModelProto, path: AnyPath) -> None:
+    """Write a model, with the checksum that readers hold the file against first among its metadata."""
+    model.metadata_props.insert(0, onnx.StringStringEntryProto(key=FILE_HASH, value=json.dumps("0" * DIGITS)))
+    write_atomically(path, sealed_bytes(model.SerializeToString(deterministic=True), HASH_MARK))

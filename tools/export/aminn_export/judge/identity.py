@@ -17,7 +17,9 @@ from onnx import numpy_helper
 
 from aminn.data.dataset import Dataset
 from aminn.model.export_tables import geometry_tables
+from aminn.prediction.onnx_session import check_onnx
 from aminn_base.errors import AminnError
+from aminn_base.read import read_bytes
 from aminn_rt.compiled import runtime, runtime_for
 
 from ..files.bin_model import BinModel, model_crc
@@ -66,8 +68,10 @@ def _single(value: object) -> object:
 
 
 def _onnx_difference(file: Path, model: BinModel, debug: bool) -> str | None:
+    content = read_bytes(file)
+    check_onnx(file, content)
     try:
-        found = onnx.load(file)
+        found = onnx.load_model_from_string(content)
     except Exception as error:  # protobuf's own, which has no common base
         raise AminnError(f"{file}: not an ONNX model ({error})") from error
     metadata = {p.key: p.value for p in found.metadata_props}

@@ -13,9 +13,9 @@ import onnx
 from numpy.typing import NDArray
 from onnx.reference import ReferenceEvaluator
 
-from aminn.prediction.onnx_session import in_chunks, run_onnx
+from aminn.prediction.onnx_session import check_onnx, in_chunks, run_onnx
 from aminn_base.errors import AminnError
-from aminn_base.read import AnyPath
+from aminn_base.read import AnyPath, read_bytes
 
 from ..samples.golden import single_thread_session
 
@@ -76,4 +76,5 @@ def load_engine(engine: str, model: AnyPath) -> Run:
     "reference" is the evaluator of the package onnx, which computes each operator in NumPy. Raises AminnError where the
     engine is not installed or does not take the model.
     """
+    check_onnx(model, read_bytes(model))
     return _LOAD[engine](Path(model))
