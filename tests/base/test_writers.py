@@ -12,7 +12,7 @@ ALLOWED = {
     "aminn_sim/gallery.py": "a folder, made whole beside and renamed; in it files that nobody has named",
     "aminn_export/export.py": "finished files of a folder of its own, moved into place",
     "judge/bench.py": "a temporary folder",
-    "aminn_rt/compiled.py": "a temporary folder, and a finished library moved from there into the cache",
+    "aminn_rt/compiled.py": "a temporary folder",
 }
 
 

@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from .errors import InUseError, WriteError
-from .files import NO_LOCKS, open_locked
+from .files import NO_LOCKS, make_folder, open_locked
 
 NAME = ".aminn-lock"
 
@@ -31,7 +31,7 @@ def locked_folder(folder: Path, file: Path | None = None) -> Iterator[None]:
     """
     path = file or folder / NAME
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(path.parent)
         descriptor = open_locked(path, wait=False)
     except BlockingIOError as error:
         raise InUseError(

@@ -13,7 +13,7 @@ from aminn.data.origin import training_part, training_set
 from aminn.model.checkpoint import load_checkpoint
 from aminn.model.export_tables import export_tables
 from aminn_base.errors import AminnError, WriteError
-from aminn_base.files import write_atomically
+from aminn_base.files import sync_folder, write_atomically
 from aminn_base.lock import locked_folder
 from aminn_base.read import AnyPath
 from aminn_rt.compiled import runtime
@@ -54,21 +54,32 @@ def _check_files(out_dir: Path, prefix: str) -> None:
             )
 
 
-def _publish(part: Path, out_dir: Path) -> None:
-    """Move finished files into place: the folder at once where it is new, else each file at once."""
+def _publish(part: Path, out_dir: Path, header: str) -> None:
+    """Move finished files into place: the folder at once where it is new, else each file at once.
+
+    The C header of the model that was there before goes first, and the new one comes last: without it nothing takes the
+    folder for a model, so that no cut leaves files of two models that pass for one.
+    """
     if not out_dir.exists():
         os.replace(part, out_dir)
+        sync_folder(out_dir.parent)
         return
-    for file in sorted(part.iterdir()):
+    if not (out_dir / header).is_symlink():
+        (out_dir / header).unlink(missing_ok=True)
+        sync_folder(out_dir)
+    for file in sorted(part.iterdir(), key=lambda file: (file.name == header, file.name)):
         target = out_dir / file.name
+        if file.name == header:
+            sync_folder(out_dir)
         if target.is_symlink() or (target.exists() and not target.is_file()):
             write_atomically(target, file.read_bytes())
         else:
             os.replace(file, target)
+    sync_folder(out_dir)
 
 
 @contextmanager
-def _part_of(out_dir: Path) -> Iterator[Path]:
+def _part_of(out_dir: Path, header: str) -> Iterator[Path]:
     """A folder beside `out_dir`, by links too, whose files are moved there in the end; one process at a time."""
     place = Path(os.path.realpath(out_dir))
     part = place.with_name(f".{place.name}.partial")
@@ -77,7 +88,7 @@ def _part_of(out_dir: Path) -> Iterator[Path]:
             shutil.rmtree(part, ignore_errors=True)  # of a killed export
             part.mkdir()
             yield part
-            _publish(part, place)
+            _publish(part, place, header)
         except WriteError as error:
             raise WriteError(out_dir / error.path.name, error.reason) from error
         except OSError as error:
@@ -138,7 +149,7 @@ def export(
         lines.append(line)
     if dataset is not None:
         exported = BinModel(exported.meta | {"known_state": informative_state(exported, dataset)}, exported.tensors)
-    with _part_of(out_dir) as part:
+    with _part_of(out_dir, f"{prefix}.h") as part:
         write_model_files(exported, part, prefix)
         if dataset is not None:
             write_golden(exported, part / ONNX_FILE, dataset, part / GOLDEN_FILE)

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError, WriteError
+from aminn_base.files import write_atomically
 from aminn_base.run import run_program
 from aminn_hand.hand import INPUTS, Dims
 from aminn_hand.sensors import UNITS
@@ -306,7 +307,7 @@ def _built(dims: Dims, options: tuple[str, ...]) -> Library:
             configure = ["cmake", "-S", str(source), "-B", str(build), f"-DAMINN_HAND={header}", *options]
             run_program(configure, f"configuring {what}", packages=DEBIAN_PACKAGES)
             run_program(["cmake", "--build", str(build), "--parallel"], f"building {what}", packages=DEBIAN_PACKAGES)
-            os.replace(build / LIBRARY, library)
+            write_atomically(library, (build / LIBRARY).read_bytes())
     except OSError as error:
         raise WriteError(folder, error.strerror or str(error)) from error
     return Library(library)

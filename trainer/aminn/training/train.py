@@ -458,7 +458,7 @@ def train(
         config = continued(config, finetune, dataset)
     identity = identity_of(config, dataset.sha256, finetune)
     finished = _finished(out, identity)
-    if finished is not None:
+    if finished is not None and not (out / FILE).is_file():
         return finished
     torch.set_num_threads(1)
     torch.manual_seed(config.seed)
@@ -475,9 +475,9 @@ def train(
     stages = stages if decided else stages[1:]
     least = {} if new else {stage.name: _validation_loss(stage) for stage in stages}
     with locked_folder(out):
-        finished = _finished(out, identity)  # by another process meanwhile
+        finished = _finished(out, identity)  # by another process meanwhile, or by one that was cut off behind it
         if finished is not None:
-            return finished
+            return _completed(finished) if (out / FILE).is_file() else finished
         resumed = load_run(out, identity)
         with _whole_run(out):
             done = 0 if resumed is None else resumed.progress["stage"] * config.epochs + resumed.progress["epoch"]
@@ -494,9 +494,13 @@ def train(
         board.result(config, meta["validation"])
         board.close()
         save_checkpoint(out, model, meta)
-        checkpoint = load_checkpoint(out)
-        write_card(checkpoint)
-        clear_run(out)
+        return _completed(load_checkpoint(out))
+
+
+def _completed(checkpoint: Checkpoint) -> Checkpoint:
+    """A run's last steps: its card, and then no unfinished run."""
+    write_card(checkpoint)
+    clear_run(checkpoint.path)
     return checkpoint
 
 
