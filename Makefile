@@ -14,6 +14,9 @@ CURVE_SEEDS ?= $(SEEDS)
 # Where studies train: cpu, cuda or cuda:N, shared by JOBS runs side by side.
 DEVICE  ?= cpu
 FUZZ_SECONDS ?= 60
+SECONDS ?= 60
+# Of each kind of disturbance so many in a scenario; empty: all.
+SAMPLE  ?=
 KILLS   ?= 50
 PICTURES ?= 16
 THREADS ?= $(JOBS)
@@ -47,7 +50,7 @@ MODULE_SOURCES  := pyproject.toml $(RUNTIME_SOURCES) $(filter-out %.py,$(call so
 TEST_SOURCES    := $(filter-out %.py,$(call sources,tests/runtime tests/golden))
 FIRMWARE_SOURCES := $(RUNTIME_SOURCES) $(filter-out %.py,$(call sources,runtime/firmware tests/golden))
 FUZZ_SOURCES    := $(RUNTIME_SOURCES) $(filter-out %.py,$(call sources,tests/fuzz tests/golden))
-FORMATTED       := $(filter %.c %.h %.cpp %.hpp,$(call sources,sim runtime tools/rt tests/runtime tests/fuzz examples zephyr))
+FORMATTED       := $(filter %.c %.h %.cpp %.hpp,$(call sources,sim runtime tools/rt tests/runtime tests/fuzz tests/faults examples zephyr))
 PYTHON_PACKAGES := $(wildcard sim/aminn_* trainer/aminn tools/*/aminn_*)
 PYTHON_FOLDERS  := $(wildcard sim trainer tools tests runtime packaging)
 
@@ -171,9 +174,36 @@ fuzz: $(STAMPS)/fuzz ## the library against arbitrary models and inputs, with cl
 	@echo "No crash. Report: $(REPORTS)/fuzz.json"
 
 .PHONY: corrupt
-corrupt: setup-python setup-host-tests ## the reference model with each byte changed three ways, and cut at each length: all refused (ten minutes)
+corrupt: setup-python setup-host-tests ## the reference model with each byte changed three ways, and cut at each length, a sample of other files: refused (ten minutes)
+	@$(PYTHON) tests/faults/corrupt_files.py --count 500 --work $(BUILD)/faults/corrupt \
+	  --report $(REPORTS)/reliability/corrupt_files.json
 	@$(PYTHON) tests/runtime/corrupt.py $(HOST)/tests/runtime/aminn_corrupt tests/golden/aminn_model.bin \
-	  --report $(REPORTS)/reliability.json
+	  --report $(REPORTS)/reliability/corrupt.json
+	@echo "Reports: $(REPORTS)/reliability/corrupt.json, corrupt_files.json"
+
+.PHONY: fuzz-files
+fuzz-files: setup-python ## wrong data sets, runs, hands, tables, settings, calibrations, models: each a clear error or a valid result (SECONDS=60)
+	@$(PYTHON) tests/faults/fuzz_files.py --seconds $(SECONDS) --work $(BUILD)/faults/fuzz \
+	  --report $(REPORTS)/reliability/fuzz_files.json
+	@echo "Report: $(REPORTS)/reliability/fuzz_files.json"
+
+.PHONY: powercut
+powercut: setup-python ## the power cut, and each call failing, in simulate, train, export, calibrate, import; planted defects (an hour; SAMPLE=10)
+	@$(PYTHON) tests/faults/powercut.py --work $(BUILD)/faults/powercut --seeds \
+	  --report $(REPORTS)/reliability/powercut_seeds.json
+	@$(PYTHON) tests/faults/powercut.py --work $(BUILD)/faults/powercut $(addprefix --sample ,$(SAMPLE)) \
+	  --report $(REPORTS)/reliability/powercut.json
+	@echo "Reports: $(REPORTS)/reliability/powercut.json, powercut_seeds.json"
+
+.PHONY: soak-sim
+soak-sim: setup-python ## simulations killed, on a full disk, with a clock that jumps: nothing lost (SECONDS=60)
+	@$(PYTHON) tests/faults/soak_sim.py --seconds $(SECONDS) --work $(BUILD)/faults/soak \
+	  --report $(REPORTS)/reliability/soak_sim.json
+	@echo "Report: $(REPORTS)/reliability/soak_sim.json"
+
+.PHONY: reliability
+reliability: setup-python ## what powercut, corrupt, fuzz, fuzz-files and soak-sim found, in one report, with what is missing
+	@$(PYTHON) tests/faults/reliability.py $(REPORTS)/reliability $(REPORTS)/reliability.json
 	@echo "Report: $(REPORTS)/reliability.json"
 
 .PHONY: crash

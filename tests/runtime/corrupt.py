@@ -1,6 +1,6 @@
-"""Try every damage of one byte, and every cut, on a binary model; add the figures to a report.
+"""Try every damage of one byte, and every cut, on a binary model; report the figures.
 
-corrupt.py PROGRAM MODEL.bin --report build/reports/reliability.json
+corrupt.py PROGRAM MODEL.bin --report build/reports/reliability/corrupt.json
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import subprocess
 from pathlib import Path
 
 from aminn_base.files import write_json
-from aminn_base.read import read_json
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
@@ -21,6 +20,5 @@ if __name__ == "__main__":
     args = parser.parse_args()
     done = subprocess.run([args.program.resolve(), args.model], stdout=subprocess.PIPE, text=True, check=True)
     found = json.loads(done.stdout)
-    before = read_json(args.report, "a report") if args.report.is_file() else {"aims_missed": ""}
-    write_json(args.report, before | found)
+    write_json(args.report, found)
     print("\n".join(f"{name} {value}" for name, value in found.items()))
