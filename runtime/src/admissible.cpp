@@ -119,7 +119,7 @@ aminn_status_t look_for_end(Search &s, float end)
     return AMINN_OK;
 }
 
-aminn_status_t check_arguments(const aminn_t *ctx, const void *state, const float *direction,
+aminn_status_t check_arguments(aminn_t *ctx, const void *state, const float *direction,
                                const aminn_load_limits_t *limits)
 {
     if (state == nullptr || direction == nullptr || limits == nullptr) {
@@ -129,6 +129,7 @@ aminn_status_t check_arguments(const aminn_t *ctx, const void *state, const floa
     if (status != AMINN_OK) {
         return status;
     }
+    ctx->stages_done = 0;
     if (!all_finite(direction, AMINN_N_WRENCH)) {
         return AMINN_E_NONFINITE;
     }

@@ -100,6 +100,7 @@ void together(const float *likelihood, const float *sensor, float *friction)
         const float above = place - static_cast<float>(low);
         at[k] = x;
         weight[k] = kNormal[k] * add_product(likelihood[low], above, likelihood[low + 1] - likelihood[low]);
+        weight[k] = x > 0.0F ? weight[k] : 0.0F; // there is no coefficient below zero
     }
     const Moments found = moments_of(at, weight, kDeviations);
     friction[0] = 1.0F;
@@ -166,7 +167,7 @@ aminn_status_t aminn_calibrator_friction(const aminn_calibrator_t *calibrator, c
         return AMINN_E_NULL;
     }
     const float *const own = sensor == nullptr ? kUnknown : sensor;
-    if (!(all_finite(own, 3) & friction_in_range(own))) {
+    if (!all_finite(own, 3) || !friction_in_range(own)) {
         return AMINN_E_SENSORS;
     }
     __builtin_memmove(friction, own, 3 * sizeof *own);

@@ -368,6 +368,10 @@ struct Push {
     Belief belief;
 };
 
+// Least variance of a measurement, as a share of what the covariance expects of it. What is surer leaves a difference of nearly
+// equal numbers, whose rounding would be more than what is left: a covariance that is none.
+constexpr float kLeastDoubt = 1e-5F;
+
 // Absorbs one measurement after another.
 void absorb(const aminn_calibrator_t &c, Push &push)
 {
@@ -386,7 +390,10 @@ void absorb(const aminn_calibrator_t &c, Push &push)
             }
             spread[r] = sum;
         }
-        const float inverse = 1.0F / (inner(slope, spread, kFactors) + belief.variance);
+        const float known = inner(slope, spread, kFactors);
+        const float signal = known > 0.0F ? known : 0.0F;
+        const float least = kLeastDoubt * signal;
+        const float inverse = 1.0F / (signal + (belief.variance > least ? belief.variance : least));
         const float surprise = push.error[i] - inner(slope, change, kFactors);
         const float gain = surprise * inverse;
         belief.squares = add_product(belief.squares, surprise, gain);
@@ -653,6 +660,7 @@ aminn_status_t aminn_calibrate_push(aminn_t *ctx, aminn_calibrator_t *calibrator
         return status;
     }
     const aminn_calibration_t &calibration = calibrator->calibration;
+    ctx->stages_done = 0;
     if (calibration.model != ctx->model || calibration.varied.told != calibration.theta) {
         return AMINN_E_CALIBRATION;
     }
@@ -663,7 +671,6 @@ aminn_status_t aminn_calibrate_push(aminn_t *ctx, aminn_calibrator_t *calibrator
     if (status != AMINN_OK) {
         return status;
     }
-    ctx->stages_done = 0;
     aminn_input_t &in = ctx->input;
     __builtin_memcpy(&in, before, sizeof *before);
     aminn_correct(&calibration, reinterpret_cast<aminn_state_t *>(&in));

@@ -12,8 +12,9 @@ bool in_range(const aminn_sensors_t &sensors)
 {
     constexpr int kNumbers = sizeof sensors / sizeof(float);
     static_assert(kNumbers == AMINN_N_SENSOR, "aminn_sensors_t is floats without gaps");
-    bool ok =
-        all_finite(sensors.friction, kNumbers) & friction_in_range(sensors.friction) & is_flag(sensors.tool_weight[0]);
+    bool ok = all_finite(sensors.friction, kNumbers);
+    ok &= friction_in_range(sensors.friction);
+    ok &= is_flag(sensors.tool_weight[0]);
 #if AMINN_N_TENDON > 0
     ok &= is_flag(sensors.tendon_tension[0]);
 #endif

@@ -233,6 +233,17 @@ static void limits_that_are_none_are_refused(void)
     assert_refused(AMINN_E_LIMITS);
 }
 
+/* found by make fuzz: it was still shown */
+static void limits_that_are_none_hide_the_last_prediction(void)
+{
+    aminn_output_t out;
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &aminn_model, AMINN_FLAG_DEBUG));
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict_state(&ctx, &state, &out));
+    limits.margin = -1.0F;
+    assert_refused(AMINN_E_LIMITS);
+    TEST_ASSERT_NULL(aminn_debug(&ctx, 0));
+}
+
 static void bad_arguments_are_refused(void)
 {
     TEST_ASSERT_EQUAL_INT(AMINN_E_NULL, aminn_admissible_load(&ctx, &state, load, &limits, NULL));
@@ -270,6 +281,7 @@ int main(void)
     RUN_TEST(a_grasp_that_does_not_hold_bears_nothing);
     RUN_TEST(a_calibrated_hand_bears_what_it_is_predicted_to);
     RUN_TEST(limits_that_are_none_are_refused);
+    RUN_TEST(limits_that_are_none_hide_the_last_prediction);
     RUN_TEST(bad_arguments_are_refused);
     RUN_TEST(what_debug_showed_is_gone);
     return UNITY_END();

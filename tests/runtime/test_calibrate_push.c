@@ -96,6 +96,37 @@ void tearDown(void)
 {
 }
 
+/* what is known only grows, and is a covariance, however sure a push: found by make fuzz */
+static void a_very_sure_push_leaves_a_covariance(void)
+{
+    const aminn_calibrator_settings_t sure = {0.5F, 1e-9F, 0.0F, 3.0F, 3.0F, 1.0F};
+    int i, r, c;
+    start(&sure);
+    for (i = 0; i < 10; ++i) {
+        const float *entry = calibrator.covariance;
+        PUSH(i);
+        for (r = 0; r < AMINN_N_FACTOR; ++r) {
+            const float sd = aminn_calibrator_sd(&calibrator, r);
+            TEST_ASSERT_TRUE(sd > 0.0F && sd <= 0.5F);
+            for (c = 0; c <= r; ++c, ++entry) {
+                TEST_ASSERT_TRUE(fabsf(*entry) <= 1.01F * sd * aminn_calibrator_sd(&calibrator, c));
+            }
+        }
+    }
+}
+
+/* found by make fuzz: after a refused push, and after limits that are none, an earlier prediction was still shown */
+static void a_refused_push_hides_the_last_prediction(void)
+{
+    aminn_output_t out;
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_init(&ctx, &model, AMINN_FLAG_DEBUG));
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_predict_state(&ctx, &states[0], &out));
+    TEST_ASSERT_NOT_NULL(aminn_debug(&ctx, 0));
+    measured[0][0] = NAN;
+    TEST_ASSERT_EQUAL_INT(AMINN_E_NONFINITE, push(0));
+    TEST_ASSERT_NULL(aminn_debug(&ctx, 0));
+}
+
 static void pushes_teach_the_hand(void)
 {
     const aminn_calibrator_settings_t exact = {0.5F, 1e-6F, 0.01F, 0.5F, 1.5F, 1.0F};
@@ -509,6 +540,17 @@ static void friction_is_put_together_with_a_sensor(void)
 }
 
 /* those that stick, those that slide, and far beyond the limits of a motion; with and without the tool's weight */
+/* found by make fuzz: a broad sensor and pushes that say "low" gave a coefficient below zero, which aminn_sense() refuses */
+static void friction_stays_above_zero(void)
+{
+    static const float vague[3] = {1.0F, 0.5F, 1.0F};
+    float friction[3];
+    PUSH(0);
+    likely_between(0, 1);
+    TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_calibrator_friction(&calibrator, &states[0], vague, friction));
+    TEST_ASSERT_TRUE(friction[0] == 1.0F && friction[1] > 0.0F && friction[2] > 0.0F);
+}
+
 static void pushes_narrow_friction(void)
 {
     static aminn_sensors_t sensors;
@@ -554,6 +596,8 @@ int main(void)
 {
     UNITY_BEGIN();
     RUN_TEST(pushes_teach_the_hand);
+    RUN_TEST(a_very_sure_push_leaves_a_covariance);
+    RUN_TEST(a_refused_push_hides_the_last_prediction);
     RUN_TEST(what_pushes_do_not_tell_stays_as_it_was);
     RUN_TEST(zeros_and_radius_stay_as_given);
     RUN_TEST(measured_states_are_corrected);
@@ -571,6 +615,7 @@ int main(void)
     RUN_TEST(friction_is_that_of_the_present_grasp);
 #if AMINN_N_SLIDE
     RUN_TEST(friction_is_put_together_with_a_sensor);
+    RUN_TEST(friction_stays_above_zero);
     RUN_TEST(pushes_narrow_friction);
 #endif
     RUN_TEST(a_calibrator_is_small);

@@ -158,6 +158,7 @@ def combined(likelihoods: Array, sensor: Array = UNKNOWN) -> Array:
     low = np.minimum(place.astype(int), len(GRID) - 2)
     below, above = (np.take_along_axis(likelihoods, low + k, -1) for k in (0, 1))
     weight = np.exp(-(DEVIATIONS**2) / 2) * (below + (place - low) * (above - below))
+    weight *= (at > 0) | (sensor[..., :1] == 0)  # there is no coefficient below zero
     mean, variance = _moments(at, weight)
     both = np.stack([np.ones_like(mean), mean, np.sqrt(variance)], -1)
     return np.where(sensor[..., :1] > 0, both, alone)
