@@ -5,7 +5,7 @@
  * Command line: firmware VECTORS.bin OUT.bin   the formats of runtime/tools/vector_file.h
  *               firmware --control FRAMES.bin  a 100 Hz loop that limits the commanded load (control.c)
  *               firmware --calibrate PUSHES.bin  that limiter before and after it has learned from ten pushes (learn.c)
- *               firmware --serial              answers on the UART (serial.c)
+ *               firmware --serial              answers on the UART (serial.c, uart.c)
  *               firmware --self-test           the self-test under other modes of the FPU (self_test.c)
  *               firmware --fault               runs into an undefined instruction, to try the fault handler
  *

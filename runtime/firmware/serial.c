@@ -1,27 +1,15 @@
-/*
- * The serial protocol of `aminn verify --port`: read a question, predict, answer (docs/runtime.md). On qemu's MPS2 boards
- * through their first UART; on another board replace get() and put().
- */
+/* The serial protocol of `aminn verify --port`: read a question, predict, answer (docs/runtime.md). */
 #include <string.h>
 
 #include MODEL_HEADER
 #include "figures.h"
 #include "modes.h"
+#include "serial.h"
+#include "uart.h"
 #include "vector_file.h"
 
-#ifndef UART_BASE
-#define UART_BASE 0x40004000u
-#endif
-#define UART_DATA (*(volatile uint32_t *)(UART_BASE + 0x00u))
-#define UART_STATE (*(volatile uint32_t *)(UART_BASE + 0x04u))
-#define UART_CTRL (*(volatile uint32_t *)(UART_BASE + 0x08u))
-#define UART_BAUDDIV (*(volatile uint32_t *)(UART_BASE + 0x10u))
-
-enum { TX_FULL = 1u, RX_FULL = 2u, TX_RX_ENABLE = 3u, BAUD_DIVIDER = 217 /* 25 MHz / 115200 */ };
 enum { PROTOCOL = 3, KIND_REFUSED = 0, KIND_IDENTITY = 1, KIND_PREDICT = 2, KIND_SENSE = 3 };
 enum { REFUSED_DAMAGED = 1, REFUSED_VERSION = 2, REFUSED_KIND = 3 };
-/* Silence within a frame after which it counts as broken off: a fifth of a second of the boards' clock. */
-enum { SILENCE_TICKS = 25000000 / 5 };
 
 typedef struct frame_header {
     uint16_t version, kind;
@@ -63,31 +51,12 @@ static struct {
 enum { LARGEST_QUESTION = (VECTOR_N_IN + N_THETA + N_SENSOR) * 4 };
 static aminn_status_t self_test;
 
-/* a byte, or -1 after a silence */
-static int get(void)
-{
-    const uint32_t start = ticks_now();
-    while ((UART_STATE & RX_FULL) == 0) {
-        if (ticks_since(start) > SILENCE_TICKS) {
-            return -1;
-        }
-    }
-    return (int)(UART_DATA & 0xFFu);
-}
-
-static void put(uint8_t byte)
-{
-    while ((UART_STATE & TX_FULL) != 0) {
-    }
-    UART_DATA = byte;
-}
-
 /* 0, or -1 if a silence came before the last byte */
 static int get_all(void *bytes, size_t n)
 {
     uint8_t *p = (uint8_t *)bytes;
     while (n-- > 0) {
-        const int byte = get();
+        const int byte = uart_get();
         if (byte < 0) {
             return -1;
         }
@@ -100,7 +69,7 @@ static void put_all(const void *bytes, size_t n)
 {
     const uint8_t *p = (const uint8_t *)bytes;
     while (n-- > 0) {
-        put(*p++);
+        uart_put(*p++);
     }
 }
 
@@ -109,7 +78,7 @@ static void wait_for(const char mark[4])
 {
     char window[4] = {0, 0, 0, 0};
     while (memcmp(window, mark, sizeof window) != 0) {
-        const int byte = get();
+        const int byte = uart_get();
         memmove(window, window + 1, sizeof window - 1);
         window[3] = (char)(byte < 0 ? 0 : byte);
     }
@@ -202,17 +171,28 @@ static void take_question(void)
     }
 }
 
-int run_serial(void)
+int serial_start(void)
 {
-    UART_BAUDDIV = BAUD_DIVIDER;
-    UART_CTRL = TX_RX_ENABLE;
-    ticks_start();
+    uart_start();
     if (aminn_init(&ctx, &MODEL_SYMBOL, AMINN_FLAG_ALWAYS_STAGE2) != AMINN_OK) {
         return fail("serial", "the model is refused");
     }
     self_test = aminn_self_test(&ctx);
+    return 0;
+}
+
+void serial_answer(void)
+{
+    wait_for("AMNQ");
+    take_question();
+}
+
+int run_serial(void)
+{
+    if (serial_start() != 0) {
+        return 1;
+    }
     for (;;) {
-        wait_for("AMNQ");
-        take_question();
+        serial_answer();
     }
 }
