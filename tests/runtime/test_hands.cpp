@@ -4,6 +4,7 @@
  *
  *   test_hands            runs the tests
  *   test_hands --digest   prints the CRC-32 of the plain core's outputs, for a comparison with another machine
+ *   test_hands --properties N   tries N random models and inputs against the laws of hand_properties.hpp; prints counts as JSON
  *   test_hands --work N   counts predictions, of N with arbitrary heads, in which the load takes energy out of the grasp
  */
 #include <cstdio>
@@ -11,6 +12,7 @@
 #include <initializer_list>
 
 #include "hand_digest.hpp"
+#include "hand_properties.hpp"
 #include "hand_reference.hpp"
 #include "unity.h"
 
@@ -275,8 +277,23 @@ static void the_load_gives_its_energy_to_the_grasp(void)
     TEST_ASSERT_TRUE(kSlides ? slid > 0.2 && slid < 0.8 : slid == 0.0);
 }
 
+static void random_models_obey_the_laws(void)
+{
+    hand_properties::Law laws[hand_properties::kLaws];
+    hand_properties::try_cases(aminn::core_vector::run_cascade, 400, laws);
+    for (const hand_properties::Law &law : laws) {
+        TEST_ASSERT_EQUAL_INT_MESSAGE(0, law.broken, law.name);
+        TEST_ASSERT_TRUE_MESSAGE(law.cases > law.skipped || hand_properties::partner(0) < 0, law.name);
+    }
+}
+
 int main(int argc, char **argv)
 {
+    if (argc > 2 && std::strcmp(argv[1], "--properties") == 0) {
+        hand_properties::Law laws[hand_properties::kLaws];
+        hand_properties::try_cases(aminn::core_vector::run_cascade, static_cast<uint32_t>(std::atol(argv[2])), laws);
+        return hand_properties::print(laws) != 0;
+    }
     if (argc > 1 && std::strcmp(argv[1], "--digest") == 0) {
         std::printf("%08x\n", static_cast<unsigned>(digest(aminn::core_plain::run_cascade, tables, model, plain)));
         return 0;
@@ -303,5 +320,6 @@ int main(int argc, char **argv)
     RUN_TEST(branches_without_tendon_add_nothing);
     RUN_TEST(branches_out_of_contact_have_no_influence);
     RUN_TEST(the_load_gives_its_energy_to_the_grasp);
+    RUN_TEST(random_models_obey_the_laws);
     return UNITY_END();
 }

@@ -36,6 +36,9 @@ packages() {
     fuzz) # the compiler that brings libFuzzer, and the sanitizers' libraries
       echo "clang-14 have clang-14 && have clang++-14"
       echo "libclang-rt-14-dev" ;;
+    realtime) # the compiler whose sanitizer watches what may not block
+      echo "clang-22 have clang-22 && have clang++-22"
+      echo "libclang-rt-22-dev" ;;
     bench) # the other program that multiplies matrices with vectors, and the one whose views are offered
       echo "libopenblas-dev"
       echo "libeigen3-dev" ;;
@@ -65,7 +68,7 @@ packages() {
       echo "cppcheck have cppcheck"
       echo "clang-tidy have clang-tidy" ;;
     *)
-      echo "apt.sh: no group '$1' (make host sim view python arm test fuzz bench cross docs wasm browser check)" >&2
+      echo "apt.sh: no group '$1' (make host sim view python arm test fuzz realtime bench cross docs wasm browser check)" >&2
       exit 2 ;;
   esac
 }
