@@ -13,10 +13,11 @@ SEEDS   ?= 5
 CURVE_SEEDS ?= $(SEEDS)
 # Where studies train: cpu, cuda or cuda:N, shared by JOBS runs side by side.
 DEVICE  ?= cpu
-FUZZ_SECONDS ?= 60
 SECONDS ?= 60
 # Of each kind of disturbance so many in a scenario; empty: all.
 SAMPLE  ?=
+CASES_EACH ?= 100000
+PREDICTIONS ?= 10000000
 KILLS   ?= 50
 PICTURES ?= 16
 THREADS ?= $(JOBS)
@@ -47,9 +48,9 @@ SHELL := /bin/bash
 sources = $(shell find $(wildcard $(1)) -type f -not -name '*.pyc' -not -path '*/.*')
 RUNTIME_SOURCES := CMakeLists.txt $(filter-out %.py runtime/firmware/%,$(call sources,runtime))
 MODULE_SOURCES  := pyproject.toml $(RUNTIME_SOURCES) $(filter-out %.py,$(call sources,sim tools/rt))
-TEST_SOURCES    := $(filter-out %.py,$(call sources,tests/runtime tests/golden))
+TEST_SOURCES    := $(filter-out %.py,$(call sources,tests/runtime tests/fuzz tests/golden runtime/firmware))
 FIRMWARE_SOURCES := $(RUNTIME_SOURCES) $(filter-out %.py,$(call sources,runtime/firmware tests/golden))
-FUZZ_SOURCES    := $(RUNTIME_SOURCES) $(filter-out %.py,$(call sources,tests/fuzz tests/golden))
+FUZZ_SOURCES    := $(RUNTIME_SOURCES) $(filter-out %.py,$(call sources,tests/fuzz tests/golden runtime/firmware))
 FORMATTED       := $(filter %.c %.h %.cpp %.hpp,$(call sources,sim runtime tools/rt tests/runtime tests/fuzz tests/faults examples zephyr))
 PYTHON_PACKAGES := $(wildcard sim/aminn_* trainer/aminn tools/*/aminn_*)
 PYTHON_FOLDERS  := $(wildcard sim trainer tools tests runtime packaging)
@@ -169,9 +170,30 @@ check: setup-python $(STAMPS)/unity $(STAMPS)/apt-check $(STAMPS)/apt-fuzz ## sa
 	@tools/setup/check.sh $(BUILD)/check $(REPORTS)
 
 .PHONY: fuzz
-fuzz: $(STAMPS)/fuzz ## the library against arbitrary models and inputs, with clang's fuzzer and sanitizers (FUZZ_SECONDS=60)
-	@python3 tests/fuzz/run.py --build $(FUZZ) --seconds $(FUZZ_SECONDS) --report $(REPORTS)/fuzz.json
-	@echo "No crash. Report: $(REPORTS)/fuzz.json"
+fuzz: $(STAMPS)/fuzz ## the library against arbitrary models, inputs, files, questions; with and without sanitizers (SECONDS=60)
+	@python3 tests/fuzz/run.py --build $(FUZZ) --seconds $(SECONDS) --jobs $(JOBS) --report $(REPORTS)/reliability/fuzz.json
+	@echo "No crash. Report, of all runs so far: $(REPORTS)/reliability/fuzz.json"
+
+.PHONY: properties soak differential defects
+properties: setup-host-tests ## laws of statics on random models of all test hands, in C (CASES_EACH=100000 of each hand)
+	@python3 tests/reliability/figures.py --prefix properties_ --report $(REPORTS)/reliability/properties.json \
+	  --each '$(HOST)/tests/runtime/test_hands_[0-9]*x?_*_gates*' -- --properties $(CASES_EACH)
+	@echo "No law is broken. Report: $(REPORTS)/reliability/properties.json"
+
+soak: setup-host-tests ## ten million predictions in one process: memory flat, every result the first one's bits (PREDICTIONS=)
+	@python3 tests/reliability/figures.py --report $(REPORTS)/reliability/soak.json -- \
+	  $(HOST)/tests/runtime/aminn_soak $(PREDICTIONS) $(JOBS)
+	@echo "Report: $(REPORTS)/reliability/soak.json"
+
+differential: setup-python setup-host ## runtime, ONNX Runtime and float64 on random states, on hard ones, and on what the fuzzer kept
+	@$(PYTHON) tests/reliability/differential.py --replay $(HOST)/runtime/aminn_replay --corpus $(FUZZ)/corpus/predict \
+	  --work $(BUILD)/differential --report $(REPORTS)/reliability/differential.json
+	@echo "Report: $(REPORTS)/reliability/differential.json"
+
+defects: setup-python $(STAMPS)/fuzz $(STAMPS)/unity $(STAMPS)/apt-realtime ## seeded defects of the runtime, each found by its campaign; clang's real-time sanitizer
+	@$(PYTHON) tests/reliability/defects.py --work $(BUILD)/defects --fuzz $(FUZZ)/fast --unity $(BUILD)/unity \
+	  --report $(REPORTS)/reliability/defects_runtime.json
+	@echo "Report: $(REPORTS)/reliability/defects_runtime.json"
 
 .PHONY: corrupt
 corrupt: setup-python setup-host-tests ## the reference model with each byte changed three ways, and cut at each length, a sample of other files: refused (ten minutes)
@@ -202,7 +224,7 @@ soak-sim: setup-python ## simulations killed, on a full disk, with a clock that 
 	@echo "Report: $(REPORTS)/reliability/soak_sim.json"
 
 .PHONY: reliability
-reliability: setup-python ## what powercut, corrupt, fuzz, fuzz-files and soak-sim found, in one report, with what is missing
+reliability: setup-python ## what all trials of faults and hostile input found, in one report, with what is missing
 	@$(PYTHON) tests/faults/reliability.py $(REPORTS)/reliability $(REPORTS)/reliability.json
 	@echo "Report: $(REPORTS)/reliability.json"
 
@@ -370,12 +392,15 @@ $(STAMPS)/firmware-%: $(FIRMWARE_SOURCES) | $(STAMPS)/host $(STAMPS)/apt-arm
 	@$(QUIET) $(BUILD)/logs/firmware-$*.log cmake --build $(FIRMWARE)-$* --parallel $(JOBS)
 	@touch $@
 
-# The library with sanitizers, and the fuzz targets.
+# The fuzz targets, with coverage alone and with sanitizers.
 $(STAMPS)/fuzz: $(FUZZ_SOURCES) | $(STAMPS)/apt-host $(STAMPS)/apt-fuzz
 	@echo "Building the fuzz targets"
-	@$(QUIET) $(BUILD)/logs/fuzz-configure.log cmake -S tests/fuzz -B $(FUZZ) -G Ninja -DAMINN_RT_WERROR=ON \
-	  -DCMAKE_C_COMPILER=clang-14 -DCMAKE_CXX_COMPILER=clang++-14
-	@$(QUIET) $(BUILD)/logs/fuzz.log cmake --build $(FUZZ) --parallel $(JOBS)
+	@for build in fast sanitized; do \
+	  $(QUIET) $(BUILD)/logs/fuzz-$$build-configure.log cmake -S tests/fuzz -B $(FUZZ)/$$build -G Ninja -DAMINN_RT_WERROR=ON \
+	    -DCMAKE_C_COMPILER=clang-14 -DCMAKE_CXX_COMPILER=clang++-14 \
+	    -DAMINN_FUZZ_SANITIZE=$$([ $$build = sanitized ] && echo ON || echo OFF) && \
+	  $(QUIET) $(BUILD)/logs/fuzz-$$build.log cmake --build $(FUZZ)/$$build --parallel $(JOBS) || exit 1; \
+	done
 	@touch $@
 
 $(STAMPS)/unity: tools/setup/unity.sh | $(STAMPS)/apt-host $(STAMPS)/apt-test

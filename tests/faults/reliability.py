@@ -25,6 +25,10 @@ PARTS = {
     "corrupt_files": "make corrupt",
     "soak_sim": "make soak-sim",
     "fuzz": "make fuzz",
+    "properties": "make properties",
+    "differential": "make differential",
+    "soak": "make soak",
+    "defects_runtime": "make defects",
 }
 SEEDS_AIM, EXECUTIONS_AIM = 20, 2e7
 

@@ -23,6 +23,42 @@ void check_refused(aminn_status_t status)
     FUZZ_CHECK(aminn_predict(&ctx, &golden_input(), &out) == AMINN_E_NOT_INITIALISED);
 }
 
+bool in_range(float v, float least, float most)
+{
+    return v >= least && v <= most; // false for NaN
+}
+
+// what a good model has, found without the library's checks: tables inside the blob, numbers in their ranges
+void check_accepted(const uint8_t *data, size_t size)
+{
+    constexpr float kLeast = 1e-45F;
+    constexpr float kMost = 3.40282347e38F;
+    FUZZ_CHECK(is_sealed(data, size));
+    for (const uint32_t width : {model.contact_width, model.width, model.classifier_width}) {
+        FUZZ_CHECK(width >= 1 && width <= AMINN_MAX_WIDTH);
+    }
+    FUZZ_CHECK(in_range(model.tau, 0.0F, 1.0F) && in_range(model.length_scale, kLeast, kMost) &&
+               in_range(model.log_range, 0.0F, kMost) && in_range(model.friction_nominal, kLeast, kMost) &&
+               in_range(model.max_translation, kLeast, kMost) && in_range(model.max_rotation, kLeast, kMost));
+    for (const aminn_stage_model_t &stage : model.stage) {
+        FUZZ_CHECK(in_range(stage.eps_kx, kLeast, kMost) && in_range(stage.eps_jq, 0.0F, kMost));
+    }
+    const uint8_t *end = nullptr;
+    for (const aminn::TableInfo &info : aminn::kTables) {
+        aminn::Table table;
+        aminn::find_table(model, info, table);
+        const auto *first = static_cast<const uint8_t *>(table.numbers);
+        FUZZ_CHECK(first >= data + kBlobHeader && table.n * size_t{table.size} <= size_t(data + size - first));
+        for (uint32_t i = 0; table.size == sizeof(float) && i < table.n; ++i) {
+            float v = 0.0F;
+            std::memcpy(&v, first + i * sizeof v, sizeof v);
+            FUZZ_CHECK(in_range(v, i < table.n - table.positive ? -kMost : kLeast, kMost));
+        }
+        end = first + aminn::table_room(model, info);
+    }
+    FUZZ_CHECK(end == data + size);
+}
+
 // they end inside the blob's header
 void check_names()
 {
@@ -122,6 +158,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     scribble(&model, sizeof model);
     const aminn_status_t status = aminn_model_from_blob(data, size, &model);
     if (status == AMINN_OK) {
+        check_accepted(data, size);
         predict_once();
     } else {
         check_refused(status);

@@ -1,13 +1,17 @@
-// Fuzz target: any bytes as an input of the reference model. The first byte chooses function and flags, the rest is the
-// input. Bytes that are missing are those of a golden sample, so that a shortened input stays a plausible one.
+// Fuzz target: any bytes as an input of a model. The first byte chooses model, function, flags, and whether sensors and theta
+// are told; behind it stand the input, sensors and theta. Bytes that are missing are those of a golden sample.
 #include <algorithm>
 #include <cmath>
 #include <cstring>
 #include <iterator>
 
 #include "aminn_model.h"
+#include "byte_model.h"
+#include "bytes.hpp"
 #include "checks.hpp"
+#include "half_model.h"
 #include "mutate.hpp"
+#include "tiny_model.h"
 
 using namespace fuzz;
 
@@ -15,19 +19,48 @@ namespace {
 
 constexpr uint8_t kAlwaysStage2 = 1;
 constexpr uint8_t kGivenClosure = 2;
+constexpr uint8_t kSensors = 4; // the reference model's alone
+constexpr uint8_t kTheta = 8;
+constexpr int kModelBits = 4; // where the model's number stands
 constexpr size_t kSize = 1 + sizeof(aminn_input_t);
 constexpr int kFloats = sizeof(aminn_input_t) / sizeof(float);
 constexpr int kStateFloats = sizeof(aminn_state_t) / sizeof(float);
 
+const aminn_model_t *const kModels[] = {&tiny_model, &byte_model, &half_model, &aminn_model};
+
 // A context that is used again and again, and what it must predict from the golden input.
 struct Predictor {
+    const aminn_model_t &model;
     aminn_t ctx;
     aminn_output_t golden;
+    aminn_calibration_t calibration;
 
-    explicit Predictor(uint32_t flags)
+    Predictor(const aminn_model_t &of, uint32_t flags) : model(of)
     {
-        FUZZ_CHECK(aminn_init(&ctx, &aminn_model, flags) == AMINN_OK);
+        FUZZ_CHECK(aminn_init(&ctx, &model, flags) == AMINN_OK);
         FUZZ_CHECK(aminn_predict(&ctx, &golden_input(), &golden) == AMINN_OK);
+    }
+};
+
+// What one input asks for.
+struct Question {
+    aminn_input_t in;
+    aminn_sensors_t sensors;
+    float theta[AMINN_N_THETA];
+    bool given_closure;
+    bool with_sensors;
+    bool with_theta;
+
+    Question(const uint8_t *data, size_t size) : in(golden_input()), sensors{}, theta{}
+    {
+        Bytes bytes(data, size);
+        const uint8_t mode = bytes.byte();
+        bytes.take(in);
+        bytes.take(sensors);
+        bytes.take(theta);
+        given_closure = (mode & kGivenClosure) != 0;
+        with_sensors = (mode & kSensors) != 0;
+        with_theta = (mode & kTheta) != 0;
     }
 };
 
@@ -44,15 +77,6 @@ void count(aminn_status_t status, double work_share)
     counters[-static_cast<int>(status)] = 1;
     const double step = work_share > 0.0 ? -std::log2(work_share) : kWorkSteps - 1;
     counters[kStatuses + static_cast<int>(std::clamp(step, 0.0, kWorkSteps - 1.0))] = 1;
-}
-
-aminn_input_t input_of(const uint8_t *data, size_t size)
-{
-    aminn_input_t in = golden_input();
-    if (size > 1) {
-        std::memcpy(&in, data + 1, std::min(size - 1, sizeof in));
-    }
-    return in;
 }
 
 // the first two of the documented checks, written once more
@@ -81,11 +105,9 @@ void check_status(const aminn_input_t &in, int n_floats, aminn_status_t status)
 }
 
 // the field that is named is why it is noted
-void check_range(const aminn_input_t &in, aminn_status_t status)
+void check_range(const Predictor &p, const aminn_state_t &state, aminn_status_t status)
 {
-    aminn_state_t state;
-    std::memcpy(&state, &in, sizeof state);
-    const int first = aminn_first_out_of_range(&aminn_model, &state);
+    const int first = aminn_first_out_of_range(&p.model, &state);
     FUZZ_CHECK(first >= -1 && first < AMINN_N_STATE);
     if (status == AMINN_OK) {
         FUZZ_CHECK((first >= 0) == ((out.notes & AMINN_NOTE_OUT_OF_RANGE) != 0));
@@ -100,10 +122,12 @@ void check_still_works(Predictor &p)
 }
 
 // what aminn_predict_state did, in two steps
-void check_closure(Predictor &p, aminn_input_t in, aminn_status_t status)
+void check_closure(Predictor &p, const aminn_state_t &corrected, aminn_status_t status)
 {
+    aminn_input_t in;
     aminn_output_t given;
-    if (aminn_closure(&aminn_model, in.q, in.x_ht, in.contacts, in.j_x, in.j_q) != AMINN_OK) {
+    std::memcpy(&in, &corrected, sizeof corrected);
+    if (aminn_closure(&p.model, in.q, in.x_ht, in.contacts, in.j_x, in.j_q) != AMINN_OK) {
         FUZZ_CHECK(status != AMINN_OK); // a joint angle whose sine has no digits
         return;
     }
@@ -115,50 +139,55 @@ void check_closure(Predictor &p, aminn_input_t in, aminn_status_t status)
     }
 }
 
-aminn_status_t predict(Predictor &p, const aminn_input_t &in, bool given_closure)
+aminn_status_t predict(Predictor &p, const Question &asked, const aminn_state_t &state)
 {
     scribble(&out, sizeof out);
-    if (given_closure) {
-        return aminn_predict(&p.ctx, &in, &out);
+    return asked.given_closure ? aminn_predict(&p.ctx, &asked.in, &out) : aminn_predict_state(&p.ctx, &state, &out);
+}
+
+// false where theta is refused, as it must be
+bool prepare(Predictor &p, const Question &asked)
+{
+    const bool sees = p.model.n_sensed != 0;
+    FUZZ_CHECK(!asked.with_sensors || aminn_sense(&p.ctx, &asked.sensors) == (sees ? AMINN_OK : AMINN_E_SENSORS));
+    if (!asked.with_theta) {
+        return true;
     }
+    const aminn_status_t expected = expected_of_theta(asked.theta);
+    FUZZ_CHECK(aminn_calibration_set(&p.calibration, &p.model, asked.theta) == expected);
+    return expected == AMINN_OK && aminn_calibrate(&p.ctx, &p.calibration) == AMINN_OK;
+}
+
+void run(Predictor &p, const Question &asked)
+{
+    const Question kept = asked;
+    const aminn_input_t &in = asked.in;
+    const int n_floats = asked.given_closure ? kFloats : kStateFloats;
     aminn_state_t state;
     std::memcpy(&state, &in, sizeof state);
-    return aminn_predict_state(&p.ctx, &state, &out);
-}
-
-void run(Predictor &p, const aminn_input_t &in, bool given_closure)
-{
-    const aminn_input_t kept = in;
-    const int n_floats = given_closure ? kFloats : kStateFloats;
-    const aminn_status_t status = predict(p, in, given_closure);
-    FUZZ_CHECK(std::memcmp(&kept, &in, sizeof in) == 0);
-    check_status(in, n_floats, status);
-    check_range(in, status);
-    count(status, check_prediction(p.ctx, aminn_model, in.w_e, status, out));
-    if (!given_closure && expected_refusal(in, n_floats) == AMINN_OK) {
-        check_closure(p, in, status);
-    }
-    if (status != AMINN_OK) {
-        check_still_works(p);
-    }
-}
-
-// back to what is checked before the networks run: finite, flags in [0, 1], unit normals, a short rotation
-void repair(aminn_input_t &in)
-{
-    float *values = reinterpret_cast<float *>(&in);
-    for (int i = 0; i < kFloats; ++i) {
-        values[i] = std::isfinite(values[i]) ? values[i] : 1.0F;
-    }
-    for (auto &contact : in.contacts) {
-        contact[0] = std::min(std::fabs(contact[0]), 1.0F);
-        const float length = std::hypot(contact[4], contact[5], contact[6]);
-        for (int i = 4; i < 7; ++i) {
-            contact[i] = length > 0.0F && std::isfinite(length) ? contact[i] / length : (i == 4 ? 1.0F : 0.0F);
+    aminn_status_t status = AMINN_E_CALIBRATION;
+    if (prepare(p, asked)) {
+        status = predict(p, asked, state);
+        FUZZ_CHECK(std::memcmp(&kept.in, &in, sizeof in) == 0);
+        check_status(in, n_floats, status);
+        if (asked.with_sensors && p.model.n_sensed != 0 && !are_sensors(asked.sensors)) {
+            FUZZ_CHECK(status != AMINN_OK);
+        } else {
+            FUZZ_CHECK(status != AMINN_E_SENSORS);
+        }
+        count(status, check_prediction(p.ctx, p.model, in.w_e, status, out));
+        const bool finite = expected_refusal(in, n_floats) == AMINN_OK;
+        if (asked.with_theta && !asked.given_closure && finite) {
+            aminn_correct(&p.calibration, &state);
+        }
+        check_range(p, state, status);
+        if (!asked.given_closure && finite) {
+            check_closure(p, state, status);
         }
     }
-    for (int i = 3; i < 6; ++i) {
-        in.x_ht[i] = std::fmod(in.x_ht[i], 1.8F);
+    FUZZ_CHECK(aminn_sense(&p.ctx, nullptr) == AMINN_OK && aminn_calibrate(&p.ctx, nullptr) == AMINN_OK);
+    if (status != AMINN_OK) {
+        check_still_works(p);
     }
 }
 
@@ -177,9 +206,9 @@ void scale_vector(uint8_t *at, Random &random)
 // mode and input in full
 void complete(uint8_t *data, size_t size)
 {
-    const aminn_input_t in = input_of(data, size);
+    const Question asked(data, size);
     data[0] = size > 0 ? data[0] : 0;
-    std::memcpy(data + 1, &in, sizeof in);
+    std::memcpy(data + 1, &asked.in, sizeof asked.in);
 }
 
 size_t mutate_once(uint8_t *data, size_t size, size_t max_size, Random &random)
@@ -196,10 +225,14 @@ size_t mutate_once(uint8_t *data, size_t size, size_t max_size, Random &random)
         const size_t place = which == 0 ? AMINN_N_JOINT : kFirst + AMINN_N_CONTACT_FEATURE * (which - 1);
         scale_vector(data + 1 + 4 * place, random);
     }
-    for (size_t n = below(random, 4); n > 0; --n) {
-        mutate_float(data + 1 + 4 * below(random, kFloats), random);
+    if (below(random, 16) == 0) {
+        data[0] = static_cast<uint8_t>(below(random, 256));
     }
-    return std::max(size, kSize);
+    size = std::max(size, kSize);
+    for (size_t n = below(random, 4); n > 0; --n) { // of sensors and theta too, where they are
+        mutate_float(data + 1 + 4 * below(random, (size - 1) / 4), random);
+    }
+    return size;
 }
 
 } // namespace
@@ -219,9 +252,13 @@ extern "C" size_t LLVMFuzzerCustomMutator(uint8_t *data, size_t size, size_t max
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
-    static Predictor predictors[] = {Predictor(AMINN_FLAG_DEBUG),
-                                     Predictor(AMINN_FLAG_ALWAYS_STAGE2 | AMINN_FLAG_DEBUG)};
+    static Predictor *predictors[std::size(kModels)][2];
     const uint8_t mode = size > 0 ? data[0] : 0;
-    run(predictors[mode & kAlwaysStage2], input_of(data, size), (mode & kGivenClosure) != 0);
+    const size_t model = (mode >> kModelBits) % std::size(kModels);
+    Predictor *&p = predictors[model][mode & kAlwaysStage2];
+    if (p == nullptr) {
+        p = new Predictor(*kModels[model], (mode & kAlwaysStage2) | AMINN_FLAG_DEBUG);
+    }
+    run(*p, Question(data, size));
     return 0;
 }

@@ -1,10 +1,11 @@
 #include "mutate.hpp"
 
-#include <array>
 #include <cfloat>
 #include <cmath>
 #include <cstring>
 #include <iterator>
+
+#include "fast_crc.hpp"
 
 namespace fuzz {
 namespace {
@@ -31,26 +32,6 @@ float changed(float v, Random &random)
     }
 }
 
-// by a table of 256, since every changed blob passes here: vector_file.h has it bit by bit
-uint32_t crc32(const uint8_t *bytes, size_t n)
-{
-    static const std::array<uint32_t, 256> table = [] {
-        std::array<uint32_t, 256> t{};
-        for (uint32_t i = 0; i < 256; ++i) {
-            t[i] = i;
-            for (int bit = 0; bit < 8; ++bit) {
-                t[i] = (t[i] >> 1) ^ (0xEDB88320u & (0u - (t[i] & 1u)));
-            }
-        }
-        return t;
-    }();
-    uint32_t crc = 0xFFFFFFFFu;
-    for (size_t i = 0; i < n; ++i) {
-        crc = (crc >> 8) ^ table[(crc ^ bytes[i]) & 0xFFu];
-    }
-    return ~crc;
-}
-
 } // namespace
 
 void mutate_float(uint8_t *at, Random &random)
@@ -67,9 +48,21 @@ void seal_blob(uint8_t *data, size_t size)
         return;
     }
     const uint32_t length = static_cast<uint32_t>(size);
-    const uint32_t crc = crc32(data + kCrcStart, size - kCrcStart);
+    const uint32_t crc = crc32(0, data + kCrcStart, size - kCrcStart);
     std::memcpy(data + kSizeAt, &length, sizeof length);
     std::memcpy(data + kCrcAt, &crc, sizeof crc);
+}
+
+bool is_sealed(const uint8_t *data, size_t size)
+{
+    uint32_t length = 0;
+    uint32_t crc = 0;
+    if (size < kBlobHeader) {
+        return false;
+    }
+    std::memcpy(&length, data + kSizeAt, sizeof length);
+    std::memcpy(&crc, data + kCrcAt, sizeof crc);
+    return std::memcmp(data, "AMNM", 4) == 0 && length == size && crc == crc32(0, data + kCrcStart, size - kCrcStart);
 }
 
 } // namespace fuzz

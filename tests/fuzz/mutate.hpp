@@ -26,6 +26,9 @@ void mutate_float(uint8_t *at, Random &random);
 // Size and CRC-32 in a blob's header made right.
 void seal_blob(uint8_t *data, size_t size);
 
+// Whether mark, size and CRC-32 are those of the bytes.
+bool is_sealed(const uint8_t *data, size_t size);
+
 // Bytes behind the header of a blob with these widths and float32 weights.
 inline size_t table_bytes(const uint32_t widths[3])
 {

@@ -1,37 +1,75 @@
-"""Run the fuzz targets of a build folder side by side for a while, and report.
+"""Run the fuzz targets for a while, and add what was done to a report.
 
-run.py --build build/fuzz --seconds 60 --report build/reports/fuzz.json
+run.py --build build/fuzz --seconds 60 --report build/reports/reliability/fuzz.json
 
-What the fuzzer learns stays in BUILD/corpus and is where the next run begins. Inputs that crash stay in BUILD/crashes
-and are tried first: the run fails until they no longer crash. Standard library only.
+The time is shared by all targets. Three quarters are spent with BUILD/fast, which counts coverage alone; then
+BUILD/sanitized tries all inputs that were kept, and goes on from them. What the fuzzer learns stays in BUILD/corpus and
+is where the next run begins. Inputs that crash stay in BUILD/crashes and are tried first: the run fails until they no
+longer crash. The report counts executions and time over all runs since it was begun. Standard library only.
 """
 
 import argparse
 import json
+import os
 import re
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 
-MAX_LEN = {"blob": 480_000, "predict": 512}  # bytes: the largest model; an input and some more
+# bytes of the longest input: a model, or all that a target reads
+MAX_LEN = {"batch": 3868, "blob": 16500, "calibrate": 784, "load": 256, "predict": 645, "serial": 2048, "vectors": 4096}
+SHARES = {"fast": 0.75, "sanitized": 0.25}
 
 
-def prepare(build: Path, target: str) -> list[Path]:
-    """Folders of inputs; the fuzzer writes to the first."""
-    folders = [build / "corpus" / target, build / "crashes" / target, build / "seeds" / target]
-    for folder in folders:
-        folder.mkdir(parents=True, exist_ok=True)
-    return folders
+@dataclass
+class Campaign:
+    """One target of one build."""
 
+    folder: Path
+    build: str
+    target: str
+    seconds: int
 
-def start(build: Path, target: str, seconds: int) -> subprocess.Popen[bytes]:
-    """Begin to fuzz; messages go to BUILD/TARGET.log."""
-    folders = prepare(build, target)
-    command = [str(build / f"fuzz_{target}"), *map(str, folders)]
-    command += [f"-max_total_time={seconds}", f"-max_len={MAX_LEN[target]}", "-print_final_stats=1", "-timeout=10"]
-    command += [f"-artifact_prefix={folders[1]}/", "-rss_limit_mb=2048"]
-    with (build / f"{target}.log").open("wb") as log:
-        return subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+    @property
+    def log(self) -> Path:
+        return self.folder / f"{self.build}_{self.target}.log"
+
+    def run(self) -> dict[str, int]:
+        """Fuzz; figures of what was done."""
+        kinds = ("corpus", "crashes", "seeds")
+        folders = [self.folder / (f"fast/{kind}" if kind == "seeds" else kind) / self.target for kind in kinds]
+        for folder in folders:
+            folder.mkdir(parents=True, exist_ok=True)
+        command = [str(self.folder / self.build / f"fuzz_{self.target}"), *map(str, folders)]
+        command += [f"-max_total_time={self.seconds}", f"-max_len={MAX_LEN[self.target]}", "-print_final_stats=1"]
+        command += ["-timeout=30", f"-artifact_prefix={folders[1]}/", "-rss_limit_mb=2048"]
+        begun = time.monotonic()
+        with self.log.open("wb") as log:
+            status = subprocess.run(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, check=False).returncode
+        text = self.log.read_text(errors="replace")
+        done = last_int(r"number_of_executed_units: (\d+)", text)
+        took = time.monotonic() - begun
+        print(f"fuzz_{self.target}, {self.build}: {done} executions, {done / took:.0f} a second", flush=True)
+        if status != 0:
+            self.explain(text)
+        return {
+            "executions": done,
+            "seconds": round(took),
+            "edges": last_int(r" cov: (\d+)", text),
+            "corpus_files": sum(1 for _ in folders[0].iterdir()),
+            "crashes": int(status != 0),
+        }
+
+    def explain(self, text: str) -> None:
+        """End of the log and how to see it again."""
+        print("\n".join(text.splitlines()[-60:]), file=sys.stderr)
+        inputs = re.findall(r"Test unit written to (\S+)", text)
+        program = self.folder / self.build / f"fuzz_{self.target}"
+        replay = f"replay: {program} {inputs[-1]}" if inputs else "it left no input"
+        print(f"fuzz_{self.target} failed (log: {self.log}); {replay}", file=sys.stderr)
 
 
 def last_int(pattern: str, text: str) -> int:
@@ -40,49 +78,51 @@ def last_int(pattern: str, text: str) -> int:
     return int(found[-1]) if found else 0
 
 
-def figures(build: Path, target: str, status: int) -> dict[str, int]:
-    """What the log of a target says."""
-    log = (build / f"{target}.log").read_text(errors="replace")
-    return {
-        "executions": last_int(r"number_of_executed_units: (\d+)", log),
-        "executions_per_s": last_int(r"average_exec_per_sec: +(\d+)", log),
-        "edges": last_int(r" cov: (\d+)", log),
-        "edges_in_library": last_int(r"\((\d+) inline 8-bit counters", log),
-        "corpus_files": sum(1 for _ in (build / "corpus" / target).iterdir()),
-        "crashes": int(status != 0),
-    }
+def add(report: dict[str, int], campaign: Campaign, done: dict[str, int]) -> None:
+    """What one campaign did, to the figures of all runs."""
+    name = f"fuzz_{campaign.target}_{campaign.build}"
+    for key in ("executions", "seconds"):
+        for total in (f"{name}_{key}", f"fuzz_{campaign.build}_{key}", f"fuzz_{key}"):
+            report[total] = report.get(total, 0) + done[key]
+    report["fuzz_last_run_executions"] += done["executions"]
+    report["fuzz_last_run_crashes"] += done["crashes"]
+    report[f"{name}_edges"] = done["edges"]
+    report[f"fuzz_{campaign.target}_corpus_files"] = done["corpus_files"]
 
 
-def explain(build: Path, target: str) -> None:
-    """End of the log and how to see it again."""
-    path = build / f"{target}.log"
-    log = path.read_text(errors="replace")
-    print("\n".join(log.splitlines()[-60:]), file=sys.stderr)
-    inputs = re.findall(r"Test unit written to (\S+)", log)
-    replay = f"replay: {build / f'fuzz_{target}'} {inputs[-1]}" if inputs else "it left no input"
-    print(f"fuzz_{target} failed (log: {path}); {replay}", file=sys.stderr)
+def write_whole(path: Path, report: dict[str, int]) -> None:
+    """JSON, all of it or none."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(path.name + ".partial")
+    partial.write_text(json.dumps(report, indent=2, sort_keys=True) + "\n")
+    os.replace(partial, path)
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--build", type=Path, required=True, help="folder of tests/fuzz/CMakeLists.txt's build")
-    parser.add_argument("--seconds", type=int, default=60, help="time of the run")
-    parser.add_argument("--report", type=Path, required=True, help="figures, JSON")
+    parser.add_argument(
+        "--build", type=Path, required=True, help="folder with both builds of tests/fuzz/CMakeLists.txt"
+    )
+    parser.add_argument("--seconds", type=int, default=60, help="time of the run, at least 10")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="targets that run side by side")
+    parser.add_argument("--target", choices=MAX_LEN, action="append", help="one target of several; all unless given")
+    parser.add_argument("--report", type=Path, required=True, help="figures of all runs so far, JSON")
     args = parser.parse_args()
-    if args.seconds < 1:
-        parser.error("--seconds must be 1 or more")
-    running = {target: start(args.build, target, args.seconds) for target in MAX_LEN}
-    report: dict[str, int] = {"seconds": args.seconds}
-    for target, process in running.items():
-        status = process.wait()
-        result = figures(args.build, target, status)
-        report |= {f"{target}_{key}": value for key, value in result.items()}
-        print(f"fuzz_{target}: " + ", ".join(f"{key} {value}" for key, value in result.items()))
-        if status != 0:
-            explain(args.build, target)
-    args.report.parent.mkdir(parents=True, exist_ok=True)
-    args.report.write_text(json.dumps(report, indent=2, sort_keys=True) + "\n")
-    return int(any(report[f"{target}_crashes"] for target in running))
+    if args.seconds < 10:
+        parser.error("--seconds must be 10 or more")
+    targets = args.target or list(MAX_LEN)
+    report = json.loads(args.report.read_text()) if args.report.is_file() else {}
+    report |= {"fuzz_last_run_executions": 0, "fuzz_last_run_crashes": 0, "fuzz_last_run_seconds": args.seconds}
+    report["fuzz_runs"] = report.get("fuzz_runs", 0) + 1
+    for build, share in SHARES.items():
+        each = max(1, round(args.seconds * share * args.jobs / len(targets)))
+        campaigns = [Campaign(args.build, build, target, each) for target in targets]
+        with ThreadPoolExecutor(args.jobs) as pool:
+            for campaign, done in zip(campaigns, pool.map(Campaign.run, campaigns), strict=True):
+                add(report, campaign, done)
+                write_whole(args.report, report)
+    print(f"{report['fuzz_last_run_executions']} executions in this run, {report['fuzz_executions']} in all")
+    return int(report["fuzz_last_run_crashes"] > 0)
 
 
 if __name__ == "__main__":

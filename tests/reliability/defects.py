@@ -99,8 +99,8 @@ DEFECTS = (
     Defect(
         "covariance_lost_to_rounding",
         "src/calibrate_push.cpp",
-        "kLeastDoubt * signal",
-        "0.0F * signal",
+        "known > 0.0F ? known : 0.0F;\n        const float least = kLeastDoubt * signal;",
+        "known;\n        const float least = 0.0F;",
         "fuzz_calibrate",
     ),
     Defect(
