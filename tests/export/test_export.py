@@ -15,6 +15,7 @@ from runtime_models import random_model
 
 from aminn.data.dataset import load_dataset, split_of
 from aminn.model.checkpoint import load_checkpoint
+from aminn.prediction.engines import open_engine
 from aminn_base.errors import AminnError
 from aminn_export.export import export
 from aminn_export.files.bin_model import bin_model_bytes, read_bin_model
@@ -161,6 +162,42 @@ def test_files_of_another_model_are_not_replaced(checkpoint_dir: Path, tmp_path:
     with pytest.raises(AminnError, match="holds the model left"):
         export(checkpoint_dir, tmp_path / "out", "right")
     assert (tmp_path / "out" / "aminn.onnx").read_bytes() == before
+
+
+def test_a_cut_export_over_another_leaves_nothing_that_passes_for_a_model(
+    checkpoint_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    export(checkpoint_dir, tmp_path / "out")
+    replace, moved = os.replace, []
+
+    def cut(source: Path, target: Path) -> None:
+        if Path(target).parent.name == "out":
+            moved.append(target)
+        if len(moved) == 3:
+            raise KeyboardInterrupt
+        replace(source, target)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "replace", cut)
+        with pytest.raises(KeyboardInterrupt):
+            export(checkpoint_dir, tmp_path / "out", name="another")
+    with pytest.raises(AminnError, match=r"out: one C model with its \.bin expected"):
+        open_engine(tmp_path / "out")
+    export(checkpoint_dir, tmp_path / "out", name="another")
+    assert open_engine(tmp_path / "out").name == "another"
+
+
+def test_a_damaged_onnx_model_is_named(checkpoint_dir: Path, tmp_path: Path) -> None:
+    export(checkpoint_dir, tmp_path)
+    file = tmp_path / "aminn.onnx"
+    whole = bytearray(file.read_bytes())
+    whole[len(whole) // 2] ^= 1
+    file.write_bytes(whole)
+    with pytest.raises(AminnError, match=r"aminn\.onnx: damaged, or changed by another program"):
+        open_engine(file)
+    file.write_bytes(b"no model")
+    with pytest.raises(AminnError, match=r"aminn\.onnx: ONNX Runtime cannot load it"):
+        open_engine(file)
 
 
 def test_missing_inputs_leave_nothing(checkpoint_dir: Path, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import stat
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -94,7 +95,7 @@ def _left_over() -> None:
     unlink = Path.unlink
 
     def kept(self: Path, missing_ok: bool = False) -> None:
-        if not self.name.endswith(".partial") or self.stat().st_size == 0:
+        if not (self.name.endswith(".partial") and sys.exc_info()[0]):
             unlink(self, missing_ok)
 
     Path.unlink = kept  # type: ignore[method-assign]
@@ -143,7 +144,7 @@ SEEDS = {
     "file_not_synced": Seed("a file is renamed before its content is on the disk", "import", _file_not_synced),
     "folder_not_synced": Seed("a rename is not made to last", "import", _folder_not_synced),
     "made_folder_not_synced": Seed("a folder that was made is not made to last", "import", _made_folder_not_synced),
-    "in_place": Seed("a file is written under its own name", "calibrate_again", _in_place),
+    "in_place": Seed("a file is written under its own name", "import", _in_place),
     "renamed_first": Seed("a file gets its name before its content", "import", _renamed_first),
     "failed_sync": Seed("an fsync that fails is passed over", "import", _failed_sync_passed_over),
     "failed_write": Seed("a write that fails is passed over", "import", _failed_write_passed_over),

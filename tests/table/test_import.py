@@ -15,7 +15,7 @@ from record import Message, messages, record, wrench
 from test_bags import map_text
 
 from aminn.data.dataset import Dataset, load_dataset
-from aminn.data.measured import CORRECTED, FALLBACKS, mean_forces
+from aminn.data.measured import CORRECTED, FALLBACKS, SHARD, mean_forces
 from aminn.data.regimes import regimes
 from aminn.evaluation.analysis import breakdown, gate_figures
 from aminn.evaluation.evaluate import learned
@@ -127,6 +127,22 @@ def test_importing_again_changes_nothing_and_other_data_are_refused(
     done = aminn("import", tables[".csv"], "--like", simulated, "--out", simulated, code=1)
     assert "holds another data set" in done.stderr
     assert bytes_of(out) == before
+
+
+def test_an_import_that_was_cut_off_goes_on(
+    own: Path, tables: dict[str, Path], tmp_path: Path, simulated: Path
+) -> None:
+    """Its shard is there, and no manifest yet; another data set's half is not taken for it."""
+    half = tmp_path / "own"
+    half.mkdir()
+    (half / SHARD).write_bytes((own / SHARD).read_bytes()[:-1])
+    words = ["import", str(tables[".csv"]), "--like", str(simulated), "--out", str(half)]
+    result = CliRunner().invoke(main, words)
+    assert result.exit_code == 1 and "holds another data set" in result.output
+    (half / SHARD).write_bytes((own / SHARD).read_bytes())
+    result = CliRunner().invoke(main, words)
+    assert result.exit_code == 0, result.output
+    assert (half / "manifest.json").read_bytes() == (own / "manifest.json").read_bytes()
 
 
 def test_whose_hand_it_is_must_be_said_once(tables: dict[str, Path], simulated: Path, tmp_path: Path) -> None:

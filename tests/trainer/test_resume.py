@@ -6,8 +6,12 @@ from pathlib import Path
 
 import pytest
 from resume import Resume
+from synthetic import write_dataset
 
+from aminn.data.dataset import load_dataset
 from aminn.model.checkpoint import WEIGHTS
+from aminn.model.config import TrainConfig
+from aminn.training.train import train
 
 
 def test_killed_at_random_steps(tmp_path: Path) -> None:
@@ -15,6 +19,20 @@ def test_killed_at_random_steps(tmp_path: Path) -> None:
     while resume.figures["kills"] < 3:
         resume.kill()
     assert resume.finish()["finished_runs"] >= 1
+
+
+def test_a_run_that_was_cut_off_behind_its_checkpoint_is_completed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_dataset(tmp_path / "data", grasps=24, cases=4)
+    data, out, whole = load_dataset(tmp_path / "data"), tmp_path / "run", tmp_path / "whole"
+    train(TrainConfig(epochs=1), data, whole)
+    with monkeypatch.context() as patched:
+        patched.setattr("aminn.training.train.write_card", lambda checkpoint: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            train(TrainConfig(epochs=1), data, out)
+    train(TrainConfig(epochs=1), data, out)
+    assert {p.name: p.read_bytes() for p in out.iterdir()} == {p.name: p.read_bytes() for p in whole.iterdir()}
 
 
 def test_other_bytes_would_be_found(tmp_path: Path) -> None:
