@@ -12,10 +12,11 @@ namespace hand_properties {
 using namespace hand_case;
 
 constexpr uint32_t kFlags = AMINN_FLAG_ALWAYS_STAGE2 | AMINN_FLAG_DEBUG;
-constexpr double kRounding = 1e-4; /* of work, where stiffnesses lie less than kFar apart */
-constexpr float kFar = 1e6F;       /* condition */
-constexpr float kFewDigits = 1e5F; /* condition from which a stored K_x may have lost its smallest eigenvalue */
-constexpr float kTiny = 1e-30F;    /* scaling by powers of two is exact above */
+constexpr double kRounding = 1e-4;      /* of work, where stiffnesses lie less than kFar apart */
+constexpr float kFar = 1e6F;            /* condition */
+constexpr float kFewDigits = 1e5F;      /* condition from which a stored K_x may have lost its smallest eigenvalue */
+constexpr double kLostByStoring = 1e-3; /* of a pivot, in float32, beyond */
+constexpr float kTiny = 1e-30F;         /* scaling by powers of two is exact above */
 constexpr int kPool = 2 * (AMINN_MAX_WIDTH + AMINN_N_LAST_INPUT) * AMINN_MAX_WIDTH;
 
 /* How often a law was tried; of these how often the input was refused, or conditioned too ill to tell; and how often it broke. */
@@ -211,7 +212,7 @@ inline bool is_spd(const Trial &t)
             }
         }
         const bool sure = s == 1 && !kSlides && t.out.condition < kFewDigits;
-        ok = ok && least_pivot(stage.k_x[0], AMINN_N_WRENCH) > (sure ? 0.0 : -1e-5);
+        ok = ok && least_pivot(stage.k_x[0], AMINN_N_WRENCH) > (sure ? 0.0 : -kLostByStoring);
         for (int b = 0; b < B; ++b) {
             ok = ok && least_pivot(stage.k_spring[b][0], C) > -1e-6 && stage.k_spring[b][C - 1][C - 1] > 0.0F;
         }
