@@ -72,7 +72,8 @@ test: setup-python setup-view setup-host-tests setup-arm $(STAMPS)/apt-fuzz $(ST
 	@mkdir -p $(BUILD)/test
 	@ctest --test-dir $(HOST) --output-on-failure --no-tests=error --parallel $(JOBS) \
 	  --output-junit ../test/ctest.xml
-	@AMINN_TRUST_REPORT=$(REPORTS)/trust.json $(PYTHON) -m pytest -q --junit-xml=$(BUILD)/test/pytest.xml
+	@AMINN_TRUST_REPORT=$(REPORTS)/trust.json AMINN_PEOPLE_REPORT=$(REPORTS)/people.json \
+	  $(PYTHON) -m pytest -q --junit-xml=$(BUILD)/test/pytest.xml
 	@$(MAKE) --no-print-directory firmware
 	@$(PYTHON) tools/setup/test_report.py $(REPORTS)/test.json c=$(BUILD)/test/ctest.xml python=$(BUILD)/test/pytest.xml
 	@echo "All tests passed. Counts: $(REPORTS)/test.json, details: $(BUILD)/test/, firmware: $(REPORTS)/firmware.json"
@@ -106,7 +107,7 @@ paper ablation frontier:
 	  --jobs $(JOBS) --device $(DEVICE)
 
 .PHONY: tables
-tables: setup-python ## the tables of README and docs anew from build/studies (paper, ablation, frontier)
+tables: setup-python ## the tables of README and docs, written again from build/studies (paper, ablation, frontier)
 	@$(PYTHON) -m aminn_app.paper_table --studies $(BUILD)/studies README.md docs/evaluation.md
 
 .PHONY: step
@@ -119,7 +120,7 @@ resume: setup-python ## training killed at random steps (20 times a model), resu
 	@$(PYTHON) tests/trainer/resume.py --report $(REPORTS)/resume.json
 
 .PHONY: golden
-golden: demo ## all of tests/golden anew: the demo's model, and the small models (when the model or its format changes)
+golden: demo ## all of tests/golden, made again: the demo's model, and the small models (when the model or its format changes)
 	@cp $(BUILD)/demo/export/* tests/golden/
 	@$(PYTHON) tests/runtime/make_golden.py
 	@$(PYTHON) tests/runtime/make_pushes.py
@@ -290,6 +291,13 @@ play: setup-python setup-host $(STAMPS)/apt-wasm $(STAMPS)/browser ## a page to 
 pages: setup-python setup-view $(STAMPS)/browser ## report, card, gallery, runs and explain of a small data set, looked at in Chromium at 390 and 1280 pixels
 	@PYTHONPATH=$(BUILD)/browser $(PYTHON) tests/pages/browser.py --work $(BUILD)/pages --report $(REPORTS)/pages.json
 
+.PHONY: people
+people: setup-python setup-host setup-arm setup-view $(STAMPS)/apt-fuzz $(STAMPS)/apt-sim ## docs/start.md to the letter from a fresh clone, timed; the README's commands; package forms, examples, snippets
+	@AMINN_PEOPLE_REPORT=$(REPORTS)/people.json $(PYTHON) -m pytest -q tests/people tests/packaging tests/examples tests/wheel \
+	  tests/runtime/test_bare_targets.py tests/runtime/test_zephyr.py \
+	  $(addprefix tests/test_,docs.py own_data.py python_page.py readme.py runtime_page.py your_hand.py)
+	@PYTHONPATH=tests:tests/wheel $(PYTHON) tests/people/people.py --report $(REPORTS)/people.json
+
 .PHONY: consumers
 consumers: setup-python $(STAMPS)/apt-fuzz ## the ONNX model in OpenVINO, IREE, tract, tinygrad and others, against float64 (ONLY="iree tract")
 	@CC=clang-14 $(PYTHON) tests/consumers/run.py --model tests/golden --work $(BUILD)/consumers \
@@ -315,9 +323,10 @@ release: setup-python ## all that a release needs: clean tree, one version, test
 	@tools/setup/release.sh build $(BUILD)/release
 
 .PHONY: install
+install: export PREFIX := $(PREFIX)
 install: setup-host ## the C libraries, headers, CMake package and .pc files (PREFIX=/usr/local)
-	@cmake --install $(HOST) --prefix '$(PREFIX)' >$(BUILD)/logs/install.log || { cat $(BUILD)/logs/install.log; exit 1; }
-	@echo "Installed in $(PREFIX); files: $(HOST)/install_manifest.txt"
+	@cmake --install $(HOST) --prefix "$$PREFIX" >$(BUILD)/logs/install.log || { cat $(BUILD)/logs/install.log; exit 1; }
+	@echo "Installed in $$PREFIX; files: $(HOST)/install_manifest.txt"
 
 .PHONY: clean
 clean: ## remove build/ (data, models and reports too; .venv stays)

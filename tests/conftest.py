@@ -1,4 +1,4 @@
-"""Figures that tests measure: `make test` collects them in build/reports/trust.json."""
+"""Figures that tests measure: `make test` collects them in build/reports/trust.json and people.json."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from pathlib import Path
 import pytest
 
 from aminn_base.files import write_json
+from aminn_base.read import read_json
 
 Figures = dict[str, float | int | str | bool]
-_trust = pytest.StashKey[Figures]()
+_reports = pytest.StashKey[dict[str, Figures]]()
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -22,14 +23,27 @@ def runtimes_of_other_hands() -> Iterator[None]:
         yield
 
 
+def _figures(config: pytest.Config, report: str) -> Figures:
+    return config.stash.setdefault(_reports, {}).setdefault(report, {})
+
+
 @pytest.fixture(scope="session")
 def trust(request: pytest.FixtureRequest) -> Figures:
     """Flat figures of the report; a test that shows something adds what it found under a name of its own."""
-    return request.config.stash.setdefault(_trust, {})
+    return _figures(request.config, "trust")
+
+
+@pytest.fixture(scope="session")
+def people(request: pytest.FixtureRequest) -> Figures:
+    """The same of package forms, examples and snippets; the figures of `make people` stay beside them."""
+    return _figures(request.config, "people")
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Write the report where AMINN_TRUST_REPORT names a file."""
-    figures, report = session.config.stash.get(_trust, {}), os.environ.get("AMINN_TRUST_REPORT")
-    if figures and report:
-        write_json(Path(report), {"aims_missed": ""} | figures)
+    """Write each report where AMINN_TRUST_REPORT or AMINN_PEOPLE_REPORT names a file."""
+    for name, figures in session.config.stash.get(_reports, {}).items():
+        if report := os.environ.get(f"AMINN_{name.upper()}_REPORT"):
+            before = {"aims_missed": ""}
+            if name == "people" and Path(report).is_file():
+                before = read_json(Path(report), "a report")
+            write_json(Path(report), before | figures)

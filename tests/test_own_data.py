@@ -7,7 +7,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from followed import ROOT, commands, make_place
+from followed import ROOT, commands, files, make_place
 
 from aminn_table.columns import markdown
 
@@ -24,7 +24,7 @@ def test_the_columns_are_those_of_the_code() -> None:
     assert PAGE.split(START)[1].split(END)[0] == markdown()
 
 
-def test_the_page_leads_from_a_table_to_a_verified_model(place: Path) -> None:
+def test_the_page_leads_from_a_table_to_a_verified_model(place: Path, people: dict[str, object]) -> None:
     lines = commands(PAGE)
     assert [Path(line.split()[0]).name + " " + line.split()[1] for line in lines[2:5]] == [
         "aminn simulate",
@@ -44,3 +44,4 @@ def test_the_page_leads_from_a_table_to_a_verified_model(place: Path) -> None:
             errors.append(float(rows[0][7]))  # of the first table: the second says how sure the model is
     before, calibrated = errors
     assert calibrated < before
+    people["snippets_in_own_data"] = len(lines) + len(files(PAGE))

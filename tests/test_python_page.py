@@ -38,13 +38,14 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_the_page_runs_as_it_stands(place: Path) -> None:
+def test_the_page_runs_as_it_stands(place: Path, people: dict[str, object]) -> None:
     blocks = re.findall(r"^```python\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
     assert len(blocks) == 7
     said = run("\n".join(blocks), place)
     assert "of 320 hold" in said and "'pred_dx_ht_x'" in said and "changes the motion by" in said
     assert "with friction and weight given" in said
     assert (place / "predictions.csv").read_text().count("\n") == 322
+    people["snippets_in_python"] = len(blocks)
 
 
 def test_the_pages_commands_are_commands(place: Path) -> None:
@@ -57,7 +58,7 @@ def test_the_pages_commands_are_commands(place: Path) -> None:
         assert set(re.findall(r"--\w+", line)) <= known
 
 
-def test_the_notebook_runs(tmp_path: Path) -> None:
+def test_the_notebook_runs(tmp_path: Path, people: dict[str, object]) -> None:
     """Cell by cell, as a notebook does, in the folder where it lies."""
     notebook = json.loads(NOTEBOOK.read_text())
     assert notebook["nbformat"] == 4 and notebook["metadata"]["kernelspec"]["language"] == "python"
@@ -74,3 +75,4 @@ pictures.show = lambda: pictures.savefig({str(tmp_path)!r} + f"/{{len(pictures.g
     run(show + "\n".join(sources), NOTEBOOK.parent)
     pictures = sorted(tmp_path.glob("*.png"))
     assert len(pictures) == 2 and all(p.stat().st_size > 5000 for p in pictures)
+    people["example_predict_ipynb"] = True

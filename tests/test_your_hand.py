@@ -19,7 +19,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return make_place(tmp_path_factory.mktemp("walk"), WALK)
 
 
-def test_the_page_leads_from_a_model_to_a_replayed_c_model(place: Path) -> None:
+def test_the_page_leads_from_a_model_to_a_replayed_c_model(place: Path, people: dict[str, object]) -> None:
     assert len(files(WALK)) == 2
     lines = commands(WALK)
     words = [line.split()[1] for line in lines]
@@ -33,3 +33,4 @@ def test_the_page_leads_from_a_model_to_a_replayed_c_model(place: Path) -> None:
     header = (exported / "aminn_hand.h").read_text()
     for name, count in {"BRANCH": 3, "COORD": 3, "JOINT": 9, "GATED": 0}.items():
         assert re.search(rf"#define AMINN_N_{name} +{count}\b", header), header
+    people["snippets_in_your_hand"] = len(lines) + len(files(WALK))

@@ -42,24 +42,30 @@ def prefix(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ),
     ],
 )
-def test_an_example_of_the_installed_library(name: str, says: str, prefix: Path, tmp_path: Path) -> None:
+def test_an_example_of_the_installed_library(
+    name: str, says: str, prefix: Path, tmp_path: Path, people: dict[str, object]
+) -> None:
     run("cmake", "-S", EXAMPLES / name, "-B", tmp_path, "-G", "Ninja", f"-DCMAKE_PREFIX_PATH={prefix}")
     run("cmake", "--build", tmp_path)
     said = run(tmp_path / name)
     found = re.search(says, said)
     assert found and all(float(number) > 0 for number in found.groups()), said
+    people |= {f"example_{name}": True, "package_cmake": "used"}
 
 
-def test_an_interrupt_predicts_while_the_background_searches(tmp_path: Path) -> None:
+def test_an_interrupt_predicts_while_the_background_searches(tmp_path: Path, people: dict[str, object]) -> None:
     source = EXAMPLES / "interrupt_and_background"
     lines = re.findall(r"^#   (.*)$", (source / "CMakeLists.txt").read_text(), re.MULTILINE)
     for line in lines:
         program, *arguments = line.replace("build/isr", str(tmp_path)).split()
         said = run(program, *(a.replace("examples/", f"{EXAMPLES}/") for a in arguments))
     assert "searches that an interrupt changed: 0" in said
+    people["example_interrupt_and_background"] = True
 
 
-def test_the_platformio_program_runs_as_its_settings_say(prefix: Path, tmp_path: Path) -> None:
+def test_the_platformio_program_runs_as_its_settings_say(
+    prefix: Path, tmp_path: Path, people: dict[str, object]
+) -> None:
     settings = configparser.ConfigParser(inline_comment_prefixes=(";",))
     settings.read(PLATFORMIO / "platformio.ini")
     native = settings["env:native"]
@@ -70,6 +76,7 @@ def test_the_platformio_program_runs_as_its_settings_say(prefix: Path, tmp_path:
     library = [f"-I{prefix}/include", f"-L{prefix}/lib", "-laminn_rt"]
     run("gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", *sources, *library, *flags, "-o", tmp_path / "program")
     assert "AMINN_OK: p_stable" in run(tmp_path / "program")
+    people |= {"example_platformio": True, "package_platformio": "compiled"}
 
 
 def test_the_page_lists_every_example() -> None:

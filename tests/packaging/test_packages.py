@@ -42,7 +42,7 @@ def options(name: str) -> list[str]:
     return re.search(rf"^set\(AMINN_RT_{name}\s+([^)]*)\)", OPTIONS, re.MULTILINE)[1].split()
 
 
-def test_meson_builds_a_program_with_the_library(tmp_path: Path) -> None:
+def test_meson_builds_a_program_with_the_library(tmp_path: Path, people: dict[str, object]) -> None:
     (tmp_path / "subprojects").mkdir()
     shutil.copytree(RUNTIME, tmp_path / "subprojects/aminn_rt")
     (tmp_path / "main.c").write_text(PROGRAM)
@@ -57,6 +57,7 @@ def test_meson_builds_a_program_with_the_library(tmp_path: Path) -> None:
     debug = ["-Daminn_rt:buildtype=debug", "-Daminn_rt:cpp_args=-DAMINN_RT_SCALAR"]
     run(BIN / "meson", "setup", "build", *debug, folder=tmp_path, PATH=path)
     run(BIN / "meson", "test", "-C", "build", folder=tmp_path, PATH=path)
+    people["package_meson"] = "used"
 
 
 def test_meson_has_the_sources_and_options_of_cmake() -> None:
@@ -67,7 +68,7 @@ def test_meson_has_the_sources_and_options_of_cmake() -> None:
         assert re.findall(r"'(-f[^']+)'", re.search(rf"^{name.lower()} = (.*)$", text, re.M)[1]) == options(name)
 
 
-def test_conan_makes_a_package_that_a_program_links(tmp_path: Path) -> None:
+def test_conan_makes_a_package_that_a_program_links(tmp_path: Path, people: dict[str, object]) -> None:
     home = {"CONAN_HOME": str(tmp_path / "home"), "PATH": f"{BIN}:{os.environ['PATH']}"}
     run(BIN / "conan", "profile", "detect", **home)
     debug = ["-s", "build_type=Debug", "-c", "tools.build:cxxflags=['-DAMINN_RT_SCALAR']"]
@@ -84,9 +85,10 @@ def test_conan_makes_a_package_that_a_program_links(tmp_path: Path) -> None:
     run("cmake", "-B", "build", f"-DCMAKE_TOOLCHAIN_FILE={toolchain}", "-DCMAKE_BUILD_TYPE=Debug", folder=tmp_path)
     run("cmake", "--build", "build", folder=tmp_path)
     run(tmp_path / "build/user")
+    people["package_conan"] = "used"
 
 
-def test_arduino_has_a_library_that_compiles_flat(tmp_path: Path) -> None:
+def test_arduino_has_a_library_that_compiles_flat(tmp_path: Path, people: dict[str, object]) -> None:
     """Rules: one `name=value` a line, these names, a known category; all sources in src/, the include path."""
     run(PACKAGING / "arduino/lay_out.sh", tmp_path)
     lines = (tmp_path / "library.properties").read_text().splitlines()
@@ -97,9 +99,10 @@ def test_arduino_has_a_library_that_compiles_flat(tmp_path: Path) -> None:
     assert (tmp_path / "src" / properties["includes"]).is_file() and (tmp_path / "LICENSE").is_file()
     assert {source.name for source in (tmp_path / "src").glob("*.cpp")} == SOURCES
     run("g++", "-std=gnu++17", "-fsyntax-only", f"-I{tmp_path}/src", *sorted((tmp_path / "src").glob("*.cpp")))
+    people["package_arduino"] = "compiled"
 
 
-def test_esp_idf_registers_the_library(tmp_path: Path) -> None:
+def test_esp_idf_registers_the_library(tmp_path: Path, people: dict[str, object]) -> None:
     """CMake runs the component's file; the functions of ESP-IDF, and those that need a target, print what they get."""
     names = ("idf_component_register", "target_compile_features", "target_compile_options")
     stubs = "\n".join(f'function({name})\n  message("{name} ${{ARGN}}")\nendfunction()' for name in names)
@@ -112,9 +115,10 @@ def test_esp_idf_registers_the_library(tmp_path: Path) -> None:
     assert "cxx_std_17" in features and all(o in compiled for o in options("ARITHMETIC") + options("NO_ALLOCATOR"))
     component = yaml.safe_load((TREE / "idf_component.yml").read_text())
     assert component.keys() == {"version", "description", "license", "dependencies"} and component["version"] == VERSION
+    people["package_esp_idf"] = "checked"
 
 
-def test_vcpkg_has_a_port() -> None:
+def test_vcpkg_has_a_port(people: dict[str, object]) -> None:
     """Rules: a name of lower-case words, a version, an SPDX licence; the port configures and installs in order."""
     port = json.loads((PACKAGING / "vcpkg/vcpkg.json").read_text())
     assert re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*", port["name"]) and port["version"] == VERSION
@@ -122,9 +126,10 @@ def test_vcpkg_has_a_port() -> None:
     calls = re.findall(r"^(vcpkg_\w+)\(", (PACKAGING / "vcpkg/portfile.cmake").read_text(), re.MULTILINE)
     order = ["vcpkg_cmake_configure", "vcpkg_cmake_install", "vcpkg_cmake_config_fixup", "vcpkg_install_copyright"]
     assert [call for call in calls if call in order] == order
+    people["package_vcpkg"] = "checked"
 
 
-def test_cmsis_pack_names_every_file() -> None:
+def test_cmsis_pack_names_every_file(people: dict[str, object]) -> None:
     """Rules: a package's elements in their order; every file is in the tree, every source named, ids resolve."""
     root = ET.parse(PACKAGING / "cmsis/AMINN.aminn_rt.pdsc").getroot()
     first = ["vendor", "name", "description", "url", "license", "releases", "conditions", "components"]
@@ -136,6 +141,7 @@ def test_cmsis_pack_names_every_file() -> None:
     files = [element.get("name") for element in root.iter("file")]
     assert all((TREE / name).exists() for name in files) and (TREE / root.findtext("license")).is_file()
     assert {Path(name).name for name in files if name.endswith(".cpp")} == SOURCES
+    people["package_cmsis_pack"] = "checked"
 
 
 def test_the_page_names_each() -> None:

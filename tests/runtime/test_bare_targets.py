@@ -23,7 +23,9 @@ OPTIONS = "-std=c++17 -mthumb -Os -ffreestanding -nostdinc -fno-exceptions -fno-
 @pytest.mark.parametrize(
     ("processor", "root"), [("cortex-m7 -mfpu=fpv5-d16 -mfloat-abi=hard", set()), ("cortex-m0plus", {"sqrtf"})]
 )
-def test_the_compilers_own_headers_are_enough(processor: str, root: set[str], tmp_path: Path) -> None:
+def test_the_compilers_own_headers_are_enough(
+    processor: str, root: set[str], tmp_path: Path, people: dict[str, object]
+) -> None:
     own = subprocess.run([COMPILER, "-print-file-name=include"], capture_output=True, text=True, check=True)
     every = tmp_path / "every.cpp"
     every.write_text("".join(f'#include "{source}"\n' for source in sorted((RUNTIME / "src").glob("*.cpp"))))
@@ -32,6 +34,7 @@ def test_the_compilers_own_headers_are_enough(processor: str, root: set[str], tm
     undefined = subprocess.run(["arm-none-eabi-nm", "-uj", tmp_path / "o"], capture_output=True, text=True, check=True)
     asked = {name for name in undefined.stdout.split() if not name.startswith("__aeabi_")}
     assert asked == ASKED_OF_C | root
+    people["package_zephyr"] = "compiled"
 
 
 def test_the_documented_line_builds_for_a_bare_target(tmp_path: Path) -> None:

@@ -85,7 +85,7 @@ def test_zephyr_settings_are_what_the_module_reads(tmp_path: Path) -> None:
     assert all(symbol.nodes[0].help for symbol in kconfig.unique_defined_syms if symbol.name in ours)
 
 
-def test_the_sample_prints_what_twister_looks_for(tmp_path: Path) -> None:
+def test_the_sample_prints_what_twister_looks_for(tmp_path: Path, people: dict[str, object]) -> None:
     """Its program as it stands, on this machine: printk is the C library's printf."""
     tests = yaml.safe_load((SAMPLE / "sample.yaml").read_text())
     assert tests["tests"] and tests["common"]["harness"] == "console"
@@ -107,3 +107,4 @@ def test_the_sample_prints_what_twister_looks_for(tmp_path: Path) -> None:
     said = subprocess.run([program], capture_output=True, text=True, check=True).stdout
     for line in tests["common"]["harness_config"]["regex"]:
         assert re.search(line, said), said
+    people["example_zephyr"] = True

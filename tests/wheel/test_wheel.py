@@ -52,12 +52,13 @@ def test_the_wheel_holds_every_file_of_the_packages_and_of_the_runtime(built: tu
     assert not [name for name in inside if "tests/" in name or name.startswith(("runtime", "tools"))]
 
 
-def test_the_sdist_holds_what_is_built_and_no_more(built: tuple[Path, Path]) -> None:
+def test_the_sdist_holds_what_is_built_and_no_more(built: tuple[Path, Path], people: dict[str, object]) -> None:
     with tarfile.open(built[0]) as sdist:
         tops = {name.split("/")[1] for name in sdist.getnames() if "/" in name}
     tracked = {"CMakeLists.txt", "LICENSE", "README.md", "pyproject.toml", "runtime", "sim", "tools", "trainer"}
     assert tracked | {"PKG-INFO"} <= tops
     assert not tops & {"tests", "docs", "build", ".venv", ".git"}
+    people["package_sdist"] = "used"  # the wheel is built from it
 
 
 def test_a_wheel_without_the_simulation_says_what_to_do(outside: Path) -> None:
@@ -87,7 +88,7 @@ def test_where_the_engine_is_missing_the_package_to_install_is_named(outside: Pa
     assert "libgone.so" in done.stderr and "libmujoco2.2.2" in done.stderr
 
 
-def test_a_model_is_predicted_with_and_verified_outside_the_tree(outside: Path) -> None:
+def test_a_model_is_predicted_with_and_verified_outside_the_tree(outside: Path, people: dict[str, object]) -> None:
     """The runtime of the replay, the C model in it and the firmware are compiled from what the wheel carries."""
     aminn, home = outside / "env" / "bin" / "aminn", outside / "home"
     words = ["--export", "golden", "--data", "golden/golden.bin", "--firmware", "--json", "verify.json"]
@@ -95,6 +96,7 @@ def test_a_model_is_predicted_with_and_verified_outside_the_tree(outside: Path) 
     report = json.loads((outside / "verify.json").read_text())
     assert report["ok"] is True and report["cortex_m7_different_words"] == report["host_c_different_words"] == 0
     assert [folder.name.split("-")[0] for folder in (home / "cache/aminn/runtime").iterdir()] == ["build"]
+    people["package_wheel"] = "used"
 
 
 def test_cmake_leaves_the_simulation_out_or_refuses(tmp_path: Path) -> None:
