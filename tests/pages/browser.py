@@ -2,7 +2,7 @@
 
 python tests/pages/browser.py --work build/pages --report build/reports/pages.json
 
-Makes a small data set, two models and all pages of them with the commands of `aminn`. Nothing may be wider than the
+Makes small data sets, two models and all pages of them with the commands of `aminn`. Nothing may be wider than the
 window but what scrolls in its box, and no text may lie on another. Screenshots are left beside the pages.
 """
 
@@ -25,14 +25,15 @@ TIMEOUT_MS = 240_000
 
 
 def make_pages(work: Path) -> list[Path]:
-    """The pages of a small data set, those that are there already left out."""
+    """The pages of small data sets; data that are there already stay."""
 
     def aminn(*words: object) -> None:
         subprocess.run([sys.executable, "-m", "aminn_app.cli", *map(str, words), "--quiet"], check=True)
 
-    data, runs = work / "data", [work / "aminn", work / "mlp"]
-    if not (data / "manifest.json").exists():
-        aminn("simulate", "--out", data, "--grasps", 96, "--cases", 8, "--seed", 3)
+    data, lab, runs = work / "data", work / "lab", [work / "aminn", work / "mlp"]
+    aminn("simulate", "--out", data, "--grasps", 96, "--cases", 8, "--seed", 3)
+    one_hand = ["--vary", "mechanics=0.4", "--set", "grasps_per_hand=4"]
+    aminn("simulate", "--out", lab, "--grasps", 4, "--cases", 6, "--seed", 7, *one_hand)
     for run in runs:
         aminn("train", "--data", data, "--out", run, "--model", run.name, "--epochs", 8)
     both = [word for run in runs for word in ("--run", run)]
@@ -41,7 +42,10 @@ def make_pages(work: Path) -> list[Path]:
     aminn("report", "--data", data, *both, "--reports", work.parent / "reports", "--out", work / "report.html")
     aminn("compare", *runs, "--page", work / "runs.html")
     aminn("explain", "--data", data, "--run", runs[0], "--sample", 5, "--out", work / "explain.png")
-    return [work / "report.html", work / "runs.html", data / "card.html", data / "gallery" / "index.html"]
+    calibration = work / "calibration.html"
+    aminn("calibrate", "--run", runs[0], "--data", lab, "--out", work / "calibration.json", "--page", calibration)
+    made = [work / "report.html", work / "runs.html", calibration]
+    return [*made, data / "card.html", data / "gallery" / "index.html"]
 
 
 @click.command(cls=Messages)

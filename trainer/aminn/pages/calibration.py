@@ -24,7 +24,7 @@ LEGEND_GRASPS = 10
 
 
 def theta_figures(found: Calibration) -> list[Figure]:
-    """Every parameter with its interval, over that of the prior; a panel a unit."""
+    """Every parameter with its interval, over that of the prior; one panel per unit."""
     kinds = {"1": "factor on nominal", "rad": "joint zero, deg", "m": "tip radius, mm"}
     scale = {"1": 1.0, "rad": 180 / math.pi, "m": 1e3}
     parameters, prior, sd = found.space.parameters, found.prior.sd(found.space), found.fit.sd
@@ -32,7 +32,7 @@ def theta_figures(found: Calibration) -> list[Figure]:
     figures = []
     for unit in units:
         own = [i for i, p in enumerate(parameters) if p.unit == unit]
-        figure, ax = new_panel(5.6, 1.1 + 0.2 * len(own))
+        figure, ax = new_panel(4.4, 1.1 + 0.2 * len(own))
         figures.append(figure)
         for row, i in enumerate(own):
             colour = GREY if parameters[i].name in found.undetermined else BLUE
@@ -53,7 +53,7 @@ def _interval(ax: Axes, row: int, middle: float, half: float, colour: str, width
 
 
 def error_figures(found: Calibration) -> list[Figure]:
-    """Errors of the held-out pushes before and after, each push a point; and what each push counted."""
+    """Errors of the held-out pushes before and after, one point per push; and how much each push counted."""
     (errors, left), (weights, right) = new_panel(), new_panel()
     before, after = (100 * e for e in (found.held_out.before, found.held_out.after))
     low, high = 0.8 * min(before.min(), after.min()), 1.25 * max(before.max(), after.max())
@@ -71,9 +71,9 @@ def error_figures(found: Calibration) -> list[Figure]:
         axis.set_minor_formatter(NullFormatter())
     if len(numbers) <= LEGEND_GRASPS:
         left.legend(fontsize=8, frameon=False)
-    tidy(left, "error before, % of the motion", "error after, % of the motion", "held-out pushes, a colour a grasp")
+    tidy(left, "error before, % of the motion", "error after, % of the motion", "held-out pushes, one colour per grasp")
     right.xaxis.set_major_locator(MaxNLocator(integer=True))
-    tidy(right, "push that held, in the order of the data", "weight", "what each push counted: a slip about 0")
+    tidy(right, "push that held, in the order of the data", "weight", "how much each push counted: a slip about 0")
     return [errors, weights]
 
 

@@ -28,7 +28,7 @@ def _text(value: object, form: str = "{:.4g}") -> str:
 
 
 def _hands(figures: Figures) -> Told | None:
-    """A row a hand that went the whole path."""
+    """A row per hand that went the whole path."""
     names = [key.removesuffix("_aminn_f1") for key in figures if key.endswith("_aminn_f1")]
     shown: dict[Heading, tuple[str, str]] = {
         "joints": ("joints", "{:d}"),

@@ -70,7 +70,7 @@ class ReportInputs:
     title: str = "AMINN"
     """Heading of the page."""
     rows: Sequence[Mapping[str, Value]] = ()
-    """Table: one mapping a row with "model" and the keys of `metrics.COLUMNS`; a missing key or NaN shows as a dash."""
+    """Table: one mapping per row, "model" and the keys of `metrics.COLUMNS`; a missing key or NaN shows as a dash."""
     signed_work: Mapping[str, Array] = field(default_factory=dict)
     """Name -> w.dx (n), J, of samples predicted stable; "label" is the ground truth."""
     signed_work_translational: Mapping[str, Array] = field(default_factory=dict)
@@ -80,7 +80,7 @@ class ReportInputs:
     predicted_dx: Mapping[str, Array] = field(default_factory=dict)
     """Name -> predicted displacements (n, 6) of the same samples."""
     histories: Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]] = field(default_factory=dict)
-    """Name -> stage -> {"train": [...], "validation": [...]}, one number an epoch."""
+    """Name -> stage -> {"train": [...], "validation": [...]}, one number per epoch."""
     operating: Mapping[str, tuple[Mapping[str, Sequence[float]], float]] = field(default_factory=dict)
     """Name -> (curve of `metrics.operating_curve` on validation data, the tau that was chosen)."""
     reliability: Mapping[str, Sequence[Mapping[str, float]]] = field(default_factory=dict)
@@ -231,7 +231,7 @@ def tidy_losses(ax: Axes) -> None:
 
 
 def training_figures(histories: Mapping[str, Mapping[str, Mapping[str, Sequence[float]]]]) -> list[Figure]:
-    """Loss by epoch; a panel a stage."""
+    """Loss by epoch; one panel per stage."""
     figures = []
     for stage in sorted({stage for history in histories.values() for stage in history}):
         figure, ax = new_panel()
@@ -380,7 +380,7 @@ def result_table(rows: Sequence[Mapping[str, Value]], columns: Mapping[str, Colu
 
 
 def difference_table(verification: Mapping[str, Value]) -> tuple[list[str], list[list[str]]]:
-    """(headings, cells) of the runtime-to-ONNX differences, a column a target that was replayed."""
+    """(headings, cells) of the runtime-to-ONNX differences, one column per target that was replayed."""
     targets = [t for t in TARGETS if any(k.startswith(f"{t}_") for k in verification)]
     cells = []
     for key, text, form in DIFFERENCES:

@@ -23,13 +23,13 @@ FEW, MANY = colormaps["tab10"], colormaps["tab20"]
 
 
 def colours(count: int) -> list[str]:
-    """A colour a group; beyond twenty they come again."""
+    """A colour per group; beyond twenty they come again."""
     palette = FEW if count <= FEW.N else MANY
     return [to_hex(palette(k % palette.N)) for k in range(count)]
 
 
 def curves(groups: Sequence[Group]) -> list[Figure]:
-    """Validation loss by epoch; a panel a stage, a colour a group, a line a run."""
+    """Validation loss by epoch; one panel per stage, one colour per group, one line per run."""
     figures = []
     for stage, text in STAGES.items():
         figure, ax = new_panel()
@@ -63,7 +63,7 @@ def write_runs_page(groups: Sequence[Group], split: str, provenance: Sequence[tu
         ("training, load cases", ", ".join(dict.fromkeys(str(run.meta["data"]["train_samples"]) for run in every))),
         ("seeds", ", ".join(sorted({str(run.meta["identity"]["config"][SEED.split(".")[1]]) for run in every}))),
     ]
-    caption = "Loss on validation data: a line a run, a colour for those that differ in the seed alone."
+    caption = "Loss on validation data: one line per run, a colour for those that differ in the seed alone."
     key = list(zip([group.name for group in groups], colours(len(groups)), strict=True))
     write_page(
         Path(__file__).with_name("runs.html.j2"),
