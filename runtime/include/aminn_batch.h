@@ -14,7 +14,7 @@
  *         printf("row %zu: %s\n", bad, aminn_status_text(status));
  *     }
  *
- * Each row has the bits of a single prediction, however many threads there are, and whatever stands before it.
+ * Each row has the bits of a single prediction, however many threads there are, and whatever rows come before it.
  */
 #ifndef AMINN_BATCH_H
 #define AMINN_BATCH_H
@@ -35,8 +35,8 @@ typedef struct aminn_rows {
     size_t step;
 } aminn_rows_t;
 
-/* What is predicted: n rows from row `begin` on. Row i of everything, outputs too, counts from 0 whatever `begin` is: a caller with
- * threads of its own gives each of them a copy with other bounds, and asks for one thread. What need not be told is null. */
+/* Inputs of n rows from row `begin` on. Row i of everything, outputs too, counts from 0 whatever `begin` is. So a caller with
+ * threads of its own gives each of them a copy with other bounds, and asks for one thread. What is not given is null. */
 typedef struct aminn_batch {
     size_t begin;
     size_t n;
@@ -48,10 +48,10 @@ typedef struct aminn_batch {
     /* null, or both (aminn_input_t): rows are predicted as aminn_predict() does, else as aminn_predict_state() does */
     aminn_rows_t j_x; /* (B x 3 x 6) */
     aminn_rows_t j_q; /* (B x 3 x C) */
-    /* null, or theta (AMINN_N_THETA) in place of the context's calibration; about a sixth of a prediction more where a row's is
-     * another than the one before it */
+    /* null, or theta (AMINN_N_THETA) in place of the context's calibration; takes about a sixth of a prediction more where a
+     * row's differs from the one before it */
     aminn_rows_t theta;
-    /* null, or fields of aminn_sensors_t in place of what the context was told of them */
+    /* null, or fields of aminn_sensors_t in place of the context's sensors */
     aminn_rows_t friction;       /* (3) */
     aminn_rows_t tool_weight;    /* (4) */
     aminn_rows_t tendon_tension; /* (1 + T); of a hand without tendons null */
@@ -85,15 +85,15 @@ static inline aminn_batch_t aminn_batch_of_loads(const aminn_state_t *state, con
  * Predict the rows of a batch.
  *
  *   ctx       initialised context, read: each thread works on a copy of its own. Its flags, calibration and sensors count for
- *             all rows that do not tell others. Calls from several threads may share it.
+ *             all rows that bring none of their own. Calls from several threads may share it.
  *   batch     its arrays are read.
- *   threads   at most so many, this one included; fewer where there are few rows, or where the system gives no more. 0: as
+ *   threads   at most this many, this one included; fewer where there are few rows, or where the system gives no more. 0: as
  *             many as there are processors for this process.
  *   outputs   outputs[i] is written for each row i: what a single prediction writes.
  *   stages    null; or, of a context with AMINN_FLAG_DEBUG, stages[AMINN_N_STAGE * i] and the next are what aminn_debug() shows
  *             of row i; left alone where that is null.
  *   statuses  statuses[i] is written: what a single prediction returns; before that AMINN_E_NONFINITE or AMINN_E_CALIBRATION for
- *             a theta that cannot be, and AMINN_E_SENSORS, for all rows, where sensors are told to a model that sees none.
+ *             a bad theta, and AMINN_E_SENSORS, for all rows, where sensors are given to a model that sees none.
  *   bad       null; or written: the first row whose status is not AMINN_OK, or AMINN_NO_ROW.
  *
  * A bad row does not spoil the others. Takes 16 kB of stack on each thread, and lets none live longer than the call.
@@ -106,13 +106,13 @@ aminn_status_t aminn_predict_batch(const aminn_t *ctx, const aminn_batch_t *batc
                                    size_t *bad);
 
 /*
- * The largest admissible load of each row, as aminn_admissible_load() finds it. Of the batch, j_x and j_q are not used.
+ * Find the largest admissible load of each row, as aminn_admissible_load() does. j_x and j_q of the batch are not used.
  *
- *   directions  (6) a row.
+ *   directions  (6) per row.
  *   limits      of all rows.
  *   found       found[i] is written.
  *
- * All else, and the returned values, as for aminn_predict_batch(). With limits that are none each row is AMINN_E_LIMITS.
+ * All else, and the returned values, as for aminn_predict_batch(). With bad limits each row is AMINN_E_LIMITS.
  */
 aminn_status_t aminn_admissible_batch(const aminn_t *ctx, const aminn_batch_t *batch, aminn_rows_t directions,
                                       const aminn_load_limits_t *limits, unsigned threads, aminn_admissible_t *found,

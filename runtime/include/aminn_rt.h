@@ -1,13 +1,13 @@
 /*
  * aminn_rt.h - AMINN runtime: does the grasp hold, and how far does the tool move in the hand?
  *
- * C99; of this library it needs aminn_hand.h, which lies beside it. SPDX-License-Identifier: Apache-2.0
+ * C99. It includes aminn_hand.h, which lies beside it. SPDX-License-Identifier: Apache-2.0
  *
  * WHAT IT COMPUTES
- *   From one state of the hand (joint angles, tool pose, load, contacts) the probability that the grasp holds under the
- *   load (p_stable) and the displacement of the tool in the hand that the load causes (dx_ht, 6 numbers). Inside: two
- *   small neural networks that predict joint springs and tendons, and a statics layer that turns these into the 6x6
- *   stiffness of the grasped tool. docs/mechanics.md has the method, docs/model-format.md the model's bytes.
+ *   It takes one state of the hand: joint angles, tool pose, load, contacts. It gives the probability that the grasp holds
+ *   under the load (p_stable), and the displacement of the tool in the hand that the load causes (dx_ht, 6 numbers). Inside,
+ *   two small neural networks predict joint springs and tendons, and a statics layer turns these into the 6x6 stiffness of
+ *   the grasped tool. docs/mechanics.md has the method, docs/model-format.md the model's bytes.
  *
  * UNITS
  *   SI everywhere: m, rad, N, N.m. Poses are a position (m) and a rotation vector (rad): the axis times the angle, not a
@@ -42,28 +42,28 @@
  *   contact    position: on the tool's surface, where it is touched; not the fingertip's centre, which lies 10 mm further
  *              out. Normal: from the fingertip into the tool, near -y for the fingers, near +y for the thumb. Normal force:
  *              what the fingertip presses with along it, >= 0.
- *   w_e        what the outside does to the tool (not what the tool does to it): force, then moment about T's origin, both
- *              in axes of H: a force f at a point p has the moment (p - x_ht) x f. It comes on top of the tool's weight:
- *              the grasp is at rest under gravity, w_e leaves gravity out. w_e . dx_ht is never negative.
- *   times      q, x_ht and contacts are those at rest before w_e acts; w_e is the load to come. dx_ht is from there to rest
+ *   w_e        what the outside does to the tool, not what the tool does to it: force, then moment about T's origin, both
+ *              in axes of H. A force f at a point p has the moment (p - x_ht) x f. The grasp is at rest under gravity, so
+ *              w_e leaves the tool's weight out. w_e . dx_ht is never negative.
+ *   times      q, x_ht and contacts are those at rest before w_e acts; w_e is the load to come. dx_ht leads from there to rest
  *              under w_e: displacement of T's origin, then the rotation vector of R_after R_before^T, in axes of H.
  *
  * ORDERS (of the reference hand in brackets)
  *   branches:            as the hand's description has them [0 finger 1, 1 finger 2, 2 thumb]
- *   branch coordinates:  from the palm outwards; a branch that has fewer than the longest lacks the first ones, and their
+ *   branch coordinates:  from the palm outwards. A branch that has fewer than the longest lacks the first ones; their
  *                        numbers are unused [0 roll, 1 proximal, 2 distal; the thumb has no roll]
  *   joints (q):          branch by branch, from the palm outwards; aminn_field_name() has their names [finger 1 roll, proximal,
  *                        distal; finger 2 roll, proximal, distal; thumb proximal, distal]
  *
  * OTHER HANDS
- *   Library and users are compiled for one hand: its counts stand in aminn_hand.h, which `aminn export` writes beside the model
- *   (cmake -DAMINN_HAND=, docs/runtime.md). Frames, signs and times are as above, but for what says finger or thumb.
+ *   Library and users are compiled for one hand. aminn_hand.h has its counts; `aminn export` writes it beside the model
+ *   (cmake -DAMINN_HAND=, docs/runtime.md). Frames, signs and times are as above, except where it says finger or thumb.
  *
  * MEMORY AND LIFETIME
  *   - The library allocates nothing and keeps no state of its own: no heap, no globals that change, no files, no locks.
  *   - The model (aminn_model_t and its tables) is read only and stays where it is, normally in flash. It must outlive
- *     every context that was initialised with it. A model made by aminn_model_from_blob() points into the blob: the
- *     blob must outlive it, unchanged.
+ *     every context that was initialised with it. A model from aminn_model_from_blob() points into the blob, which must
+ *     outlive it, unchanged.
  *   - The context (aminn_t) belongs to the caller: static, on a stack, wherever. sizeof(aminn_t) is a compile-time
  *     constant and is all the working memory that a prediction needs beside its stack (about 2 kB on a Cortex-M7, 3 kB
  *     with contacts that slide; docs/runtime.md has the measured figure). It may be moved or copied with memcpy between
@@ -76,22 +76,22 @@
  *     own context.
  *   - All other functions are reentrant.
  *   - Many predictions at once, on all cores of a host: aminn_batch.h, in a library of its own.
- *   - Nothing blocks, waits or disables interrupts. There is no iteration: run time does not depend on the input's
- *     values, except that stage 2 is skipped when the grasp is predicted not to hold (see AMINN_FLAG_ALWAYS_STAGE2),
- *     that a rejected input returns early. So the worst case is one prediction with both stages.
+ *   - Nothing blocks, waits or disables interrupts. No loop iterates to convergence. Run time depends on the input in two
+ *     ways only: stage 2 is skipped if the grasp is predicted not to hold (see AMINN_FLAG_ALWAYS_STAGE2), and a rejected
+ *     input returns early. So the worst case is one prediction with both stages.
  *   - On a core with an FPU the FPU must be enabled, and its registers must be saved around an interrupt that predicts.
  *
  * DETERMINISM
- *   The same model and input give the same 32-bit patterns on every target and with every compiler and optimisation level,
- *   because the order of all operations is fixed, none is fused, and no function of math.h is used but the square root,
- *   which IEEE 754 rounds correctly. Needs IEEE binary32 with subnormal numbers and round to nearest: leave FPSCR.FZ
- *   clear on Cortex-M, MXCSR.FTZ and DAZ on x86.
+ *   The same model and input give the same 32-bit patterns on every target, with every compiler and optimisation level.
+ *   The order of all operations is fixed and none is fused. The only function of math.h is the square root, which IEEE 754
+ *   rounds correctly. This needs IEEE binary32 with subnormal numbers and round to nearest: leave FPSCR.FZ clear on
+ *   Cortex-M, MXCSR.FTZ and DAZ on x86.
  *
  * ERRORS
  *   Functions return an aminn_status_t: AMINN_OK is 0, every error is negative. Each function says below what its
- *   outputs hold after an error. The rule is: nothing that could pass for a prediction. After an error of a predict
- *   function `stable` and `p_stable` are 0 ("does not hold") and all other outputs are NaN, so that no number of an
- *   earlier call is taken for a current one.
+ *   outputs hold after an error. The rule: nothing that could pass for a prediction. After an error of a predict
+ *   function `stable` and `p_stable` are 0 ("does not hold") and all other outputs are NaN. So no number of an earlier
+ *   call can pass for a current one.
  *
  * EXAMPLE (all static; compiled and run by the tests as tests/runtime/test_example.c; runtime/examples/controller.c fills
  * the state from encoders, a quaternion and contact sensors)
@@ -152,8 +152,8 @@ typedef char aminn_compile_without_fpack_struct[sizeof(struct aminn_layout) == 2
 /* ---- Dimensions ------------------------------------------------------------------------------------------------ */
 
 /* AMINN_N_BRANCH, AMINN_N_COORD, AMINN_N_JOINT, AMINN_N_GATED, AMINN_N_TWIST, AMINN_N_STIFF and AMINN_N_TENDON are the hand's,
- * AMINN_N_SLIDE says which layer its models have (aminn_hand.h). In comments B, C and J stand for the first three, S for
- * AMINN_N_STIFF, T for AMINN_N_TENDON. */
+ * AMINN_N_SLIDE says which layer its models have (aminn_hand.h). In comments B, C and J are the first three, S is
+ * AMINN_N_STIFF, T is AMINN_N_TENDON. */
 #if !defined(AMINN_N_STIFF) || !defined(AMINN_N_TENDON) || !defined(AMINN_N_SLIDE)
 #error "aminn_hand.h is of an earlier version: export the model again, which writes it"
 #endif
@@ -164,12 +164,12 @@ typedef char aminn_compile_without_fpack_struct[sizeof(struct aminn_layout) == 2
 #define AMINN_N_WRENCH 6          /* force 3, moment 3; also position 3, rotation vector 3 */
 #define AMINN_N_STAGE 2           /* stage 1: does it hold? stage 2: how far does it move? */
 
-/* Derived from the above; behind each what it is for the reference hand. A branch's joint springs are a packed Cholesky
+/* Derived from the above; the number behind each is that of the reference hand. A branch's joint springs are a packed Cholesky
  * factor. The mechanics head corrects it, and where the hand has gates also the tendons: direction, gain, alpha, beta, rho.
  * Rows of the head's weights end with zeros, so that 8 weights that are loaded together lie in one line of a processor's
  * cache. In a row the numbers of all branches stand side by side, in this order: diagonal C, gain, alpha, twist, entries below
  * the diagonal C (C - 1) / 2, friction, direction C, beta, rho, preload 3; without gates: diagonal, twist, entries below it,
- * friction, preload. Only soft fingertips have a twist, what they resist of it about the normal of their contact; only contacts
+ * friction, preload. Only soft fingertips have a twist: they resist turning about the normal of their contact. Only contacts
  * that can slide have friction and preload. */
 #define AMINN_N_CHOLESKY (AMINN_N_COORD * (AMINN_N_COORD + 1) / 2)           /* 6 */
 #define AMINN_N_BRANCH_FEATURE (AMINN_N_CONTACT_FEATURE + 3 * AMINN_N_COORD) /* 17 */
@@ -186,8 +186,8 @@ typedef char aminn_compile_without_fpack_struct[sizeof(struct aminn_layout) == 2
 #define AMINN_N_INPUT (AMINN_N_STATE + AMINN_N_BRANCH * 3 * (AMINN_N_WRENCH + AMINN_N_COORD))                /* 125 */
 #define AMINN_N_OUTPUT (3 + AMINN_N_WRENCH + AMINN_N_WRENCH * AMINN_N_WRENCH + 2 * AMINN_N_BRANCH)           /* 51 */
 
-/* Sensors that a model may be told (aminn_sensors_t): their numbers, and those that networks see of them, at the end of the
- * global input of a model that sees them. */
+/* Sensors that a model may use (aminn_sensors_t): how many numbers they have, and how many of these the networks see, at the
+ * end of the global input. */
 #define AMINN_N_SENSOR (3 + 4 + (AMINN_N_TENDON > 0) + AMINN_N_TENDON) /* 14 */
 #define AMINN_N_SENSED (AMINN_N_SENSOR - 1)                            /* 13 */
 
@@ -208,8 +208,8 @@ typedef char aminn_compile_without_fpack_struct[sizeof(struct aminn_layout) == 2
 #define AMINN_N_LAYER_OUT \
     (AMINN_N_ROOM > AMINN_N_LAYER_IN + AMINN_MAX_WIDTH ? AMINN_N_ROOM - AMINN_N_LAYER_IN : AMINN_MAX_WIDTH)
 
-/* The hand that the library is compiled for, as a symbol whose name tells the counts: a C model asks for that of its hand,
- * and where the library is compiled for another the linker says which one is missing. Two libraries in one program define the
+/* The hand that the library is compiled for, as a symbol whose name has the counts. A C model asks for that of its hand.
+ * Where the library is compiled for another, the linker says which one is missing. Two libraries in one program define the
  * same functions. */
 #define AMINN_JOINED(b, c, j, g, t, s, n, l) \
     aminn_library_of_##b##_branches_##c##_coordinates_##j##_joints_##g##_gated_##t##_twisted_##s##_stiff_##n##_tendons_##l##_slide
@@ -220,7 +220,7 @@ typedef char aminn_compile_without_fpack_struct[sizeof(struct aminn_layout) == 2
 extern const char AMINN_LIBRARY[];
 
 /* Largest contact_width, width and classifier_width that a context has room for. Define it before the library and its
- * users are compiled (the same for both) to save memory: sizeof(aminn_t) shrinks by 12 bytes for each unit, and by 4
+ * users are compiled (the same for both) to save memory. sizeof(aminn_t) shrinks by 12 bytes for each unit, and by 4
  * once statics needs more room than layers: where contacts can slide, from about a hundred on. */
 #ifndef AMINN_MAX_WIDTH
 #define AMINN_MAX_WIDTH 128
@@ -261,8 +261,8 @@ extern const char AMINN_LIBRARY[];
 
 /* clang-format on */
 
-/* AMINN_STATUS_WIDTH is no status: it makes the type 32 bits wide also where -fshort-enums, which most compilers for
- * Cortex-M have on, would make it a byte. Library and caller may be compiled either way. */
+/* AMINN_STATUS_WIDTH is no status. It makes the type 32 bits wide: -fshort-enums, which most compilers for Cortex-M have on,
+ * would make it a byte. Library and caller may be compiled either way. */
 #define AMINN_STATUS_ENUM(name, value, text) name = (value),
 typedef enum aminn_status { AMINN_STATUS_LIST(AMINN_STATUS_ENUM) AMINN_STATUS_WIDTH = -2147483647 - 1 } aminn_status_t;
 #undef AMINN_STATUS_ENUM
@@ -313,8 +313,8 @@ typedef struct aminn_stage_model {
     const float *head_b;         /* (HEAD_STORED) */
 } aminn_stage_model_t;
 
-/* A trained model: constants and pointers to its tables. Written by `aminn export` as C source, or filled in by
- * aminn_model_from_blob(). Not meant to be written by hand. HD is classifier_width. */
+/* A trained model: constants and pointers to its tables. `aminn export` writes it as C source, or aminn_model_from_blob()
+ * fills it in. Do not write it by hand. HD is classifier_width. */
 typedef struct aminn_model {
     uint32_t format_version; /* AMINN_FORMAT_VERSION */
     uint32_t content_crc;    /* CRC-32 of what follows but for the names (docs/model-format.md): aminn_self_test() */
@@ -391,9 +391,9 @@ typedef struct aminn_state {
     /* load on the tool without its weight: force (N), moment about T's origin (N.m), axes of H */
     float w_e[AMINN_N_WRENCH];
 
-    /* a row a branch: in contact (0 .. 1), position on the tool's surface (m, H), unit normal into the tool (H), normal
-     * force (N, >= 0; not checked). At least one branch must be in contact. A row whose flag is 0 has no influence; a flag between
-     * fades the branch in. A model knows what it was trained on: the reference model has seen three contacts alone. */
+    /* one row per branch: in contact (0 .. 1), position on the tool's surface (m, H), unit normal into the tool (H), normal
+     * force (N, >= 0; not checked). At least one branch must be in contact. A row whose flag is 0 has no influence; a flag
+     * between 0 and 1 fades the branch in. The reference model has seen only grasps with three contacts. */
     float contacts[AMINN_N_BRANCH][AMINN_N_CONTACT_FEATURE];
 } aminn_state_t;
 
@@ -406,15 +406,15 @@ typedef struct aminn_input {
     float w_e[AMINN_N_WRENCH];
     float contacts[AMINN_N_BRANCH][AMINN_N_CONTACT_FEATURE];
 
-    /* tool side, a block a branch: [ I3 | -[r]x ], r (m) from the tool's origin to the contact */
+    /* tool side, one block per branch: [ I3 | -[r]x ], r (m) from the tool's origin to the contact */
     float j_x[AMINN_N_BRANCH][3][AMINN_N_WRENCH];
 
-    /* joint side, a block a branch, m/rad: minus the velocity of the contact point at unit rate of each coordinate; a
+    /* joint side, one block per branch, m/rad: minus the velocity of the contact point at unit rate of each coordinate; a
      * zero column where the branch lacks the coordinate */
     float j_q[AMINN_N_BRANCH][3][AMINN_N_COORD];
 } aminn_input_t;
 
-/* What a caller should know about a prediction (aminn_output_t.notes); bits. */
+/* What a caller should know about a prediction: bits of aminn_output_t.notes. */
 #define AMINN_NOTE_OUT_OF_RANGE 1u    /* a field of the state lies outside what the model was trained on: a guess */
 #define AMINN_NOTE_ILL_CONDITIONED 2u /* condition exceeds AMINN_ILL_CONDITIONED: dx_ht may have few correct digits */
 #define AMINN_NOTE_NO_CONTACT 4u      /* no branch is in contact; with AMINN_E_NO_CONTACT */
@@ -480,8 +480,8 @@ typedef struct aminn_output {
     uint32_t notes;
 } aminn_output_t;
 
-/* A state and what must come of it, bit by bit, on every machine: aminn_predict_state() with AMINN_FLAG_ALWAYS_STAGE2. Of
- * the training data, where the model was exported with them. */
+/* A state and the bits that aminn_predict_state() must give for it on every machine, with AMINN_FLAG_ALWAYS_STAGE2. The state
+ * is of the training data, where the model was exported with them. */
 typedef struct aminn_known_answer {
     aminn_state_t state;
     aminn_output_t output;
@@ -510,9 +510,9 @@ typedef struct aminn_stage_debug {
 #define AMINN_MAX_ZERO 1.0F
 #define AMINN_MAX_RADIUS 0.05F
 
-/* By how much a hand differs from its description, and what follows from that for one model. The caller owns it, as a
- * context. aminn_calibration_set() alone fills it in, where it is to stay: it points into itself, and aminn_calibrate() refuses
- * one that was moved. aminn_theta_name() has the names of theta; zeros are nominal:
+/* By how much a hand differs from its description, and what follows from that for one model. The caller owns it, like a
+ * context. Only aminn_calibration_set() fills it in. It must then stay where it is: it points into itself, and
+ * aminn_calibrate() refuses one that was moved. aminn_theta_name() has the names of theta; zeros are nominal:
  *
  *   S   logarithms of factors on joint springs, servos and tendons; like parts share one
  *   B   logarithms of factors on the compliance of each branch's contact
@@ -529,7 +529,7 @@ typedef struct aminn_calibration {
     float eps_m[AMINN_N_STAGE][AMINN_N_BRANCH];
 } aminn_calibration_t;
 
-/* What a calibrator takes for granted; aminn_calibrator_defaults has the numbers in brackets. */
+/* Assumptions of a calibrator; aminn_calibrator_defaults has the numbers in brackets. */
 typedef struct aminn_calibrator_settings {
     float prior;       /* standard deviation of each factor's logarithm before any push, 1e-9 .. 1 [0.5] */
     float noise_m;     /* of each measured number, rotations times length_scale, m, 1e-9 .. 1 [5e-5] */
@@ -540,7 +540,7 @@ typedef struct aminn_calibrator_settings {
 } aminn_calibrator_settings_t;
 extern const aminn_calibrator_settings_t aminn_calibrator_defaults;
 
-/* What became of the latest push (aminn_calibrator_t.outcome). */
+/* Outcome of the latest push (aminn_calibrator_t.outcome). */
 #define AMINN_PUSH_NONE 0u    /* there was none */
 #define AMINN_PUSH_LEARNED 1u /* theta has changed */
 #define AMINN_PUSH_DOUBTED 2u /* it surprises, and counted for less */
@@ -550,8 +550,8 @@ extern const aminn_calibrator_settings_t aminn_calibrator_defaults;
 /* Coefficients of friction, evenly from 0.4 to 1.1, whose likelihood a calibrator keeps. */
 #define AMINN_N_COEFFICIENT 16
 
-/* Learns theta's factors from pushes, one at a time, and the friction of the present grasp. The caller owns it; it stays where it
- * was initialised. Read what you like, write nothing. */
+/* Learns theta's factors from pushes, one at a time, and the friction of the present grasp. The caller owns it; it must stay
+ * where it was initialised. Read any member, write none. */
 typedef struct aminn_calibrator {
     aminn_calibration_t calibration; /* so far, for aminn_calibrate() */
     aminn_calibrator_settings_t settings;
@@ -567,13 +567,13 @@ typedef struct aminn_calibrator {
 
 /* ---- Largest load ---------------------------------------------------------------------------------------------- */
 
-/* What a load has to satisfy to be admissible (aminn_admissible_load()); beside it the model must know such loads, and predict
- * that the grasp holds. */
+/* When a load is admissible (aminn_admissible_load()). Besides, the model must know such loads, and predict that the grasp
+ * holds. */
 typedef struct aminn_load_limits {
     float max_translation; /* of the tool in the hand, as predicted, m, > 0; INFINITY: no bound */
     float max_rotation;    /* likewise, rad */
     float margin;    /* how much of bound_95 is added to both, as length and as angle; 1: as it is, 0: nothing, >= 0 */
-    float p_stable;  /* least probability that the grasp holds, 0 .. 1; what is below the model's tau asks for tau */
+    float p_stable;  /* least probability that the grasp holds, 0 .. 1; below the model's tau, tau counts */
     float p_slide;   /* largest probability that a contact slides, 0 .. 1; 1: no bound */
     float max_scale; /* of the direction that is of interest, > 0; FLT_MAX: as far as the model knows loads */
 } aminn_load_limits_t;
@@ -629,7 +629,7 @@ typedef struct aminn_context {
  * They then answer "how far would it move if it held". For comparisons; a controller does not need it. */
 #define AMINN_FLAG_ALWAYS_STAGE2 1u
 
-/* Keep what aminn_debug() shows. It costs about a twentieth of a prediction's time; the outputs are the same. */
+/* Keep what aminn_debug() shows. This takes about a twentieth of a prediction's time; the outputs are the same. */
 #define AMINN_FLAG_DEBUG 2u
 
 /* ---- Functions ------------------------------------------------------------------------------------------------- */
@@ -647,8 +647,8 @@ typedef struct aminn_context {
 static inline aminn_status_t aminn_init(aminn_t *ctx, const aminn_model_t *model, uint32_t flags);
 
 /*
- * What aminn_init() calls, for other languages. ctx_size is sizeof(aminn_t) as the caller was compiled: with another
- * AMINN_MAX_WIDTH than the library's it differs, and AMINN_E_CONTEXT_SIZE is returned with *ctx untouched.
+ * What aminn_init() calls, for other languages. ctx_size is sizeof(aminn_t) as the caller was compiled. With another
+ * AMINN_MAX_WIDTH than the library's it differs: AMINN_E_CONTEXT_SIZE is returned and *ctx is left untouched.
  */
 aminn_status_t aminn_init_sized(aminn_t *ctx, size_t ctx_size, const aminn_model_t *model, uint32_t flags);
 
@@ -658,7 +658,7 @@ static inline aminn_status_t aminn_init(aminn_t *ctx, const aminn_model_t *model
 }
 
 /*
- * Find out whether this library, on this processor, computes the bits that it must. Two lines at boot:
+ * Check that this library, on this processor, computes the bits that it must. Two lines at boot:
  *
  *     aminn_status_t status = aminn_init(&ctx, &aminn_model, 0);
  *     status = status == AMINN_OK ? aminn_self_test(&ctx) : status;
@@ -666,19 +666,19 @@ static inline aminn_status_t aminn_init(aminn_t *ctx, const aminn_model_t *model
  *   ctx  initialised context. Its flags and its calibration stay; the test is of the nominal hand. What aminn_debug() showed
  *        is gone.
  *
- * Looks at the arithmetic of the very code that predicts, then at the CRC-32 of the model's constants and tables, then
- * predicts from the model's known answer and compares every word of the output and of both stages. Takes as long as a
- * prediction and a CRC-32 of the whole model: at start, not in the control loop. No output but the status.
+ * Checks the arithmetic of the code that predicts, then the CRC-32 of the model's constants and tables. Then it predicts the
+ * model's known answer and compares every word of the output and of both stages. Takes as long as a prediction and a CRC-32
+ * of the whole model: call it at start, not in the control loop. No output but the status.
  *
  * Returns AMINN_OK; AMINN_E_NULL; AMINN_E_NOT_INITIALISED; in this order AMINN_E_ROUNDING, AMINN_E_FAST_MATH,
  * AMINN_E_CONTRACTED, AMINN_E_FLUSH: what is wrong with the arithmetic, by compiler option or processor state;
  * AMINN_E_CRC: the model is damaged; AMINN_E_KNOWN_ANSWER: neither, and yet other bits. After an error predictions may be
- * wrong in any digit: the context still predicts, it is the caller's to refuse it.
+ * wrong in any digit. The context still predicts; do not use it.
  */
 aminn_status_t aminn_self_test(aminn_t *ctx);
 
 /*
- * Predict, closure Jacobians given.
+ * Predict from a state and its closure Jacobians.
  *
  *   ctx  initialised context, written.
  *   in   not changed; may live in ctx's caller's memory, not inside ctx.
@@ -695,37 +695,37 @@ aminn_status_t aminn_self_test(aminn_t *ctx);
 aminn_status_t aminn_predict(aminn_t *ctx, const aminn_input_t *in, aminn_output_t *out);
 
 /*
- * Predict, closure Jacobians computed from the hand's geometry in the model (as aminn_closure() does), after the context's
- * calibration, if it has one, has corrected a copy of the state.
+ * Predict from a state. The context's calibration, if it has one, corrects a copy of the state. Then the closure Jacobians are
+ * computed from the hand's geometry in the model, as aminn_closure() does.
  *
  * Arguments, returned values and outputs after an error as for aminn_predict().
  */
 aminn_status_t aminn_predict_state(aminn_t *ctx, const aminn_state_t *state, aminn_output_t *out);
 
 /*
- * Tell the model what sensors know beside the state.
+ * Give the model what sensors know beside the state.
  *
  *   ctx      initialised context of a model that sees sensors (n_sensed is not 0).
  *   sensors  kept by reference, read and checked at each prediction from then on: must outlive its use, and may change between
  *            predictions. Null: nothing is known, as after aminn_init().
  *
- * What is not known (flag 0) is told so, which is not the same as zeros that are. Friction moves the coefficient that contacts
- * of a layer that slides start from, as far as its deviation allows; of the tool's weight follows what they carry before the
- * load. In a model that no contact slides in, its networks alone see the sensors.
+ * A sensor that is not known (flag 0) is not the same as one that reads zero. Where contacts can slide, friction moves the
+ * coefficient that they start from, as far as its deviation allows, and the tool's weight gives what they carry before the
+ * load. Where they cannot, only the networks see the sensors.
  *
  * Returns AMINN_OK; AMINN_E_NULL; AMINN_E_NOT_INITIALISED; AMINN_E_SENSORS where the model sees none, after which ctx is as
  * before. A prediction returns AMINN_E_SENSORS where a number is not finite, known or not, a flag is neither 0 nor 1, a known
- * coefficient of friction is not above 0, or its standard deviation is negative; a bad state comes first. About 4 % of a
- * prediction more where the weight is known, and nothing of it is linked unless called.
+ * coefficient of friction is not above 0, or its standard deviation is negative; a bad state comes first. A known weight makes
+ * a prediction about 4 % longer. Nothing of it is linked unless called.
  */
 aminn_status_t aminn_sense(aminn_t *ctx, const aminn_sensors_t *sensors);
 
 /*
- * Fill in a calibration: what follows from theta for a model.
+ * Fill in a calibration from theta, for a model.
  *
  *   cal    written; may be in use by contexts, none of which predicts meanwhile. After an error it is as it was.
  *   model  checked model, kept by reference: must outlive the calibration.
- *   theta  AMINN_N_THETA numbers in the order of aminn_theta_name(); null: nominal, as zeros are. Of these come the bits of
+ *   theta  AMINN_N_THETA numbers in the order of aminn_theta_name(); null: nominal, as zeros are. Nominal gives the bits of
  *          a prediction without a calibration.
  *
  * Returns AMINN_OK; AMINN_E_NULL; AMINN_E_NONFINITE; AMINN_E_CALIBRATION where a number is beyond AMINN_MAX_LOG_FACTOR,
@@ -739,10 +739,10 @@ aminn_status_t aminn_calibration_set(aminn_calibration_t *cal, const aminn_model
  * Predict for the hand that a calibration describes.
  *
  *   ctx  initialised context.
- *   cal  set for the model of ctx, kept by reference: must outlive its use, and what aminn_calibration_set() makes of it later
+ *   cal  set for the model of ctx, kept by reference: must outlive its use. If aminn_calibration_set() changes it later, that
  *        counts from the next prediction on. Null: nominal again, as after aminn_init().
  *
- * From then on the layer's springs, tendons and contacts are the calibration's, a told model's networks see its factors, and
+ * From then on the layer's springs, tendons and contacts are the calibration's, and a told model's networks see its factors.
  * aminn_predict_state() corrects the state (aminn_correct()); aminn_predict() takes a corrected one with its Jacobians.
  * Returns AMINN_OK, AMINN_E_NULL, AMINN_E_NOT_INITIALISED, or AMINN_E_CALIBRATION where cal was not set for the context's
  * model; after an error what ctx used stays in use.
@@ -750,7 +750,7 @@ aminn_status_t aminn_calibration_set(aminn_calibration_t *cal, const aminn_model
 aminn_status_t aminn_calibrate(aminn_t *ctx, const aminn_calibration_t *cal);
 
 /*
- * A measured state as it truly is: adds the joints' zeros to q, and moves contacts by the tips' radius along their normals.
+ * Correct a measured state: add the joints' zeros to q, and move contacts by the tips' radius along their normals.
  *
  *   cal    filled in by aminn_calibration_set().
  *   state  q and contacts changed.
@@ -782,11 +782,11 @@ aminn_status_t aminn_calibrator_init(aminn_calibrator_t *calibrator, const aminn
  *   before      measured state before the load, and the load (w_e).
  *   dx_ht       measured displacement (6): m, rotation vector, rad. Of a grasp that held.
  *
- * Give all pushes of one grasp one after another: each further one of a grasp counts less, since the model errs alike on
+ * Give all pushes of one grasp one after another. Each further one of a grasp counts less, since the model errs alike on
  * them. A grasp is the same where no joint has turned by more than 0.02 rad, nor the tool moved by more than 2 mm.
  *
- * Where contacts can slide (AMINN_N_SLIDE) and ctx is told of sensors (aminn_sense()), each push also says something of the
- * friction of its grasp, whatever becomes of theta: aminn_calibrator_friction(). It starts anew with each grasp.
+ * Where contacts can slide (AMINN_N_SLIDE) and ctx has sensors (aminn_sense()), each push also says something about the
+ * friction of its grasp, whatever becomes of theta: aminn_calibrator_friction(). This starts again with each grasp.
  *
  * Takes less than two predictions. Returns AMINN_OK: see calibrator->outcome; AMINN_E_NULL; AMINN_E_NOT_INITIALISED;
  * AMINN_E_CALIBRATION where the calibrator is not of the context's model, or was moved; for a bad state or displacement what
@@ -796,12 +796,12 @@ aminn_status_t aminn_calibrate_push(aminn_t *ctx, aminn_calibrator_t *calibrator
                                     const float dx_ht[AMINN_N_WRENCH]);
 
 /*
- * What is known of friction by the pushes of the present grasp and by a sensor, as aminn_sensors_t.friction takes it.
+ * Friction as the pushes of the present grasp and a sensor know it, in the form of aminn_sensors_t.friction.
  *
  *   calibrator  as aminn_calibrate_push() left it.
- *   state       of which it is asked. Where it is of another grasp than the latest push, only the sensor counts.
- *   sensor      what else is known of friction, in the form of aminn_sensors_t.friction; null: nothing. Not what this function has
- *               written, which would count the pushes twice.
+ *   state       the grasp in question. If it is another grasp than that of the latest push, only the sensor counts.
+ *   sensor      what else is known of friction, in the form of aminn_sensors_t.friction; null: nothing. Do not pass what this
+ *               function has written: that would count the pushes twice.
  *   friction    written (3): known (0 or 1), coefficient, standard deviation. All zeros where nothing is known.
  *
  * Returns AMINN_OK, AMINN_E_NULL, or AMINN_E_SENSORS for a sensor that aminn_sense() would refuse; after an error friction is
@@ -810,24 +810,24 @@ aminn_status_t aminn_calibrate_push(aminn_t *ctx, aminn_calibrator_t *calibrator
 aminn_status_t aminn_calibrator_friction(const aminn_calibrator_t *calibrator, const aminn_state_t *state,
                                          const float sensor[3], float friction[3]);
 
-/* Standard deviation of the logarithm of factor i, 0 .. AMINN_N_FACTOR - 1, so far; one near the setting `prior` says that
- * no push told it. 0 for another i, or null. */
+/* Standard deviation of the logarithm of factor i, 0 .. AMINN_N_FACTOR - 1, so far. One near the setting `prior` means that
+ * no push said anything about it. 0 for another i, or null. */
 float aminn_calibrator_sd(const aminn_calibrator_t *calibrator, int i);
 
 /*
  * The largest load along a direction that the grasp is predicted to bear.
  *
  *   ctx        initialised context; its calibration counts. What aminn_debug() showed is gone.
- *   state      as for aminn_predict_state(); its w_e is the part of the load that is there anyway: zero, where there is none.
+ *   state      as for aminn_predict_state(); its w_e is the part of the load that acts in any case, zero if none does.
  *   direction  the load with scale is w_e + scale * direction (6: N, N.m, axes of H): a unit force, or a commanded load.
- *   limits     what is asked of a load. max_translation is compared with the length of the predicted translation plus
+ *   limits     when a load is admissible. max_translation is compared with the length of the predicted translation plus
  *              margin * bound_95 * length_scale, max_rotation with the angle plus margin * bound_95.
  *   found      written.
  *
  * A prediction need not be monotonic in the load. So the scale is the end of the stretch of admissible loads that begins at
- * zero, as far as predictions at zero and at (1/8)^2, (2/8)^2 .. 1 of max_scale tell, or of the smaller scale with which the load
- * leaves the range that the model was trained on; four halvings then narrow down where it ends. It is on average 2 % below that
- * end, by a sixteenth of the last step at most. Every load that was looked at and is not larger is admissible.
+ * zero. Predictions are made at zero and at (1/8)^2, (2/8)^2 .. 1 of max_scale, or of the smaller scale with which the load
+ * leaves the range that the model was trained on. Four halvings then narrow down where the stretch ends. The scale is on average
+ * 2 % below that end, by a sixteenth of the last step at most. Every load that was tried and is not larger is admissible.
  *
  * Takes at most AMINN_LOAD_PREDICTIONS predictions, nearly all of its time, and 1 kB of stack beside them. No prediction with
  * a load is as certain as it says: choose p_stable and margin for the risk that you accept (docs/runtime.md has figures).
@@ -887,14 +887,14 @@ aminn_status_t aminn_model_check(const aminn_model_t *model);
 aminn_status_t aminn_model_from_blob(const void *bytes, size_t len, aminn_model_t *model_out);
 
 /*
- * The first number of a state that lies outside what the model was trained on: why AMINN_NOTE_OUT_OF_RANGE is set.
+ * Find the first number of a state that lies outside what the model was trained on: why AMINN_NOTE_OUT_OF_RANGE is set.
  *
  *   model  checked model.
  *   state  AMINN_N_STATE numbers in the order of its fields: q, x_ht, w_e, contacts.
  *
- * Returns its index, to be looked up in range_min and range_max and named by aminn_field_name(); -1 if there is none or a
- * pointer is null. Exactly where a prediction from that state is noted as out of range it is not -1. Of a branch out of
- * contact the flag alone counts.
+ * Returns its index into range_min and range_max, which aminn_field_name() names; -1 if there is none or a pointer is null.
+ * It is not -1 exactly where a prediction from that state is noted as out of range. Of a branch out of contact only the flag
+ * counts.
  */
 int aminn_first_out_of_range(const aminn_model_t *model, const aminn_state_t *state);
 

@@ -431,7 +431,7 @@ def _parts(name: str, field: Field, values: Array) -> list[tuple[str, str, Array
 
 
 def _lines(hand: Hand, name: str, frame: str, values: Array) -> Iterator[Line]:
-    """The values of a field or of a part of it: a line a branch in its colour, a line an axis, or all in one."""
+    """The values of a field or of a part of it: one line per branch in its colour, one line per axis, or all in one."""
     name = name.rpartition("/")[2]
     if name in OF_BRANCHES:
         yield from (Line(values[:, b], BRANCH_COLOURS[b]) for b in range(len(hand.branches)))

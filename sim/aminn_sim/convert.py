@@ -1,6 +1,6 @@
 """`aminn hand convert`: a model that the simulation's MuJoCo refuses, through the current one to one that it takes.
 
-The result is held against the original as the current engine compiled it, number by number, and refused where
+The result is compared with the original as the current engine compiled it, number by number, and refused where
 something is gone that the mechanics needs.
 """
 
@@ -128,7 +128,7 @@ def convert(source: AnyPath, sheet: HandFile | None = None) -> Conversion:
 
 
 def convert_to(file: AnyPath, out: AnyPath, echo: Callable[[str], None] = lambda line: None) -> Path:
-    """Convert a model, or that of a hand file (.toml), into the folder `out`; the file to go on with.
+    """Convert a model, or that of a hand file (.toml), into the folder `out`; the file to continue with.
 
     Writes the MJCF, report.txt and report.json, and for a hand file a copy that names the new model.
     """

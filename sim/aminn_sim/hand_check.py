@@ -1,4 +1,4 @@
-"""`aminn hand check`: what a hand file and its model say, drawn, and held against the engine."""
+"""`aminn hand check`: what a hand file and its model say, drawn, and compared with the engine."""
 
 from __future__ import annotations
 

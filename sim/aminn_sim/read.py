@@ -63,7 +63,7 @@ class SimulatedData:
         return np.searchsorted(self.grasps["grasp_id"], self.samples["grasp_id"])
 
     def of_grasp(self, name: str) -> Array:
-        """A field of /grasps, one row a sample."""
+        """A field of /grasps, one row per sample."""
         return self.grasps[name][self.grasp_row]
 
 

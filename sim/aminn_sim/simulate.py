@@ -1,7 +1,7 @@
 """Simulate a data set: shards of grasps, each grasp under many loads, written as HDF5 with a JSON manifest.
 
 A shard's bytes follow from the seed, its number and the configuration. It is written under a temporary name and renamed
-when complete, so that an interrupted simulation goes on where it stopped; its hash is recorded before, so that what
+when complete, so that an interrupted simulation continues where it stopped; its hash is recorded before, so that what
 happens to a shard meanwhile shows.
 """
 
@@ -195,7 +195,7 @@ class _Work:
         if self.todo and not is_here(began):
             raise OutdatedDataError(
                 f"{self.out}: was begun on another build of MuJoCo, {in_words(began)}; here it is "
-                f"{in_words(simulator_build())}; go on where that one is, choose another folder or delete this one"
+                f"{in_words(simulator_build())}; continue where that one is, choose another folder or delete this one"
             )
         return began
 

@@ -1,4 +1,4 @@
-"""The statics formula with the hand's true springs and tendons, held against the simulated displacement.
+"""The statics formula with the hand's true springs and tendons, compared with the simulated displacement.
 
 Nothing is learned here: stiffnesses, moment arms and the tendons' tensions before the load come from the data set. A
 tendon is a spring while it is taut and nothing while it is slack; which ones are taut under load is found by iteration.

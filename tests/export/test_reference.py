@@ -73,7 +73,7 @@ def test_oracle_equals_the_trainers_model_of_any_hand(name: str, friction: str, 
 
 
 @pytest.mark.parametrize("told", [False, True])
-@pytest.mark.parametrize("name", ["reference", "soft gripper 2x2", "4x4 no tendons", "one joint a branch"])
+@pytest.mark.parametrize("name", ["reference", "soft gripper 2x2", "4x4 no tendons", "one joint per branch"])
 def test_oracle_equals_the_trainers_model_where_contacts_slide(name: str, told: bool, tmp_path: Path) -> None:
     """And sensors say something of most states; one branch lets go, another fades.
 

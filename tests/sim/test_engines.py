@@ -161,7 +161,7 @@ def test_interrupted_ray_simulation_goes_on(dataset_dir: Path, tmp_path: Path) -
             time.sleep(0.02)
         os.killpg(process.pid, signal.SIGINT)  # as a terminal does: the whole group
         assert process.wait(timeout=60) == 130
-    assert "interrupted; the same command goes on" in log.read_text() and "Traceback" not in log.read_text()
+    assert "interrupted; the same command continues" in log.read_text() and "Traceback" not in log.read_text()
     names = sorted(p.name for p in folder.iterdir() if p.name != UNFINISHED)
     assert names and all(n.endswith(".h5") for n in names) and len(names) < 100
     for name in {shard_name(0)} & set(names):

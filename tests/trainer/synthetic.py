@@ -73,7 +73,7 @@ def _hand(name: str, branches: Sequence[Branch], mirror: Sequence[int] | None = 
 
 
 def hand() -> Hand:
-    """Two fingers of three joints that mirror each other in the plane x = 0, a thumb of two; two tendons a branch."""
+    """Two fingers of three joints that mirror each other in the plane x = 0, a thumb of two; two tendons per branch."""
     branches = (
         chain("finger1", (-0.02, 0.06, 0), 3, 2, roll=True),
         chain("finger2", (0.02, 0.06, 0), 3, 2, roll=True),
@@ -117,7 +117,7 @@ HANDS: dict[str, Hand] = {
     "2x3+2": _hand("barrett", _row(2, 3, 2)),
     "4x3+4": _hand("many", _row(4, 3, 4, tendons=1)),
     "5x5": _hand("five", _row(4, 5, 5, tendons=2)),
-    "one joint a branch": _hand("pegs", _row(2, 1, 1, tendons=1, roll=False)),
+    "one joint per branch": _hand("pegs", _row(2, 1, 1, tendons=1, roll=False)),
     "asymmetric": _asymmetric(),
     "coupled": _coupled(),
     "renamed": _named(hand(), 2, ("zeta", "alpha/2")),
@@ -184,7 +184,7 @@ def draw_theta(rng: np.random.Generator, h: Hand, size: int, half_range: float =
 def write_dataset(
     path: Path, grasps: int = 60, cases: int = 8, seed: int = 0, of: Hand | None = None, vary: float = 0.0
 ) -> None:
-    """Write a data set of a hand (default: `hand()`) in the layout of the simulator; `vary` draws a theta a grasp."""
+    """Write a data set of a hand (default: `hand()`) in the simulator's layout; `vary` draws one theta per grasp."""
     rng, h = np.random.default_rng(seed), of or hand()
     theta = draw_theta(np.random.default_rng([seed, 1]), h, grasps, vary)
     rows: dict[str, list[Array]] = {}

@@ -80,7 +80,7 @@ def test_signals_end_with_words_and_leave_what_can_be_gone_on_with(
         process.send_signal(number)
         _, error = process.communicate(timeout=100)
     assert process.returncode == code
-    assert f"Error: {word}; the same command goes on where it stopped" in error and "Traceback" not in error
+    assert f"Error: {word}; the same command continues where it stopped" in error and "Traceback" not in error
     assert [p.name for p in (tmp_path / "run").iterdir()] == ["unfinished.safetensors"]
 
 

@@ -105,7 +105,7 @@ def test_pass_two_adds_what_the_gates_engage(name: str) -> None:
     assert torch.equal(r.dx, r.dx0) == (h.dims.gates == 0)
 
 
-@pytest.mark.parametrize("name", ["gripper 2x2", "5x5", "asymmetric", "one joint a branch"])
+@pytest.mark.parametrize("name", ["gripper 2x2", "5x5", "asymmetric", "one joint per branch"])
 def test_gradients_of_each_hand(name: str) -> None:
     h = HANDS[name]
     x, springs = draw(h, 1), random_springs(h, 1)

@@ -156,6 +156,6 @@ def test_ctrl_c_ends_a_sweep_at_once(data_dir: Path, tmp_path: Path) -> None:
         _, said = process.communicate(timeout=120)
     finally:
         process.kill()
-    assert process.returncode == 130 and "the same command goes on where it stopped" in said
+    assert process.returncode == 130 and "the same command continues where it stopped" in said
     assert "Traceback" not in said
     assert len(list((tmp_path / "out").iterdir())) == 1  # no further run was begun

@@ -47,7 +47,7 @@ def scaled_to(x: dict[str, Tensor], newtons: float) -> dict[str, Tensor]:
 def by_definition(
     r: Response, springs: Array, x: dict[str, Tensor], extras: Extras, length_m: float
 ) -> tuple[Array, Array, Array]:
-    """(s (N, B), motion (N, 6), K_x (N, 6, 6)) in NumPy, one solve a step."""
+    """(s (N, B), motion (N, 6), K_x (N, 6, 6)) in NumPy, one solve per step."""
     k_q = springs + r.k_tendon.numpy()
     b, a = -x["j_q"].numpy(), x["j_x"].numpy()
     normal, c = x["contacts"][..., 4:7].numpy(), x["contacts"][..., 0].numpy()

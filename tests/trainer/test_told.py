@@ -112,7 +112,7 @@ def test_theta_of_each_sample_is_its_own() -> None:
     torch.testing.assert_close(together, torch.cat(alone))
 
 
-@pytest.mark.parametrize("name", ["reference", "5x5", "coupled", "one joint a branch"])
+@pytest.mark.parametrize("name", ["reference", "5x5", "coupled", "one joint per branch"])
 def test_gradients_by_theta(name: str) -> None:
     h = HANDS[name]
     x = inputs(h, 2)

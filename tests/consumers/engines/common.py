@@ -2,7 +2,7 @@
 
 An engine's script runs in an environment of its own, which has that engine, NumPy and nothing of this project:
 `python ENGINE.py MODEL INPUTS.npz OUTPUTS.npz`. It says how its engine makes a function of a model file; here that
-function is called. OUTPUTS.npz has `alone/NAME` (one sample a call), `batch/NAME` (all at once), and `seconds`, the
+function is called. OUTPUTS.npz has `alone/NAME` (one sample per call), `batch/NAME` (all at once), and `seconds`, the
 least time of a call of one sample.
 """
 

@@ -1,4 +1,4 @@
-"""tinygrad on the processor: it compiles C by $CC, which has to be clang, and takes a quarter of a second a call."""
+"""tinygrad on the processor: it compiles C by $CC, which has to be clang, and takes a quarter of a second per call."""
 
 from common import Arrays, Run, main
 from tinygrad import Tensor

@@ -2,7 +2,7 @@
 
 Simulates grasps of hands of many stiffnesses, trains AMINN and the MLP told them and AMINN untold, then calibrates each
 test hand by pushes of a few of its grasps and judges on its other grasps. What a model's errors are is found on
-validation hands, and so is how long a model is fine-tuned. Records of each hand are kept: a study that is cut goes on
+validation hands, and so is how long a model is fine-tuned. Records of each hand are kept: a study that is cut continues
 where it stopped.
 """
 

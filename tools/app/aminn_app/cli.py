@@ -1,4 +1,4 @@
-"""The program `aminn`: one command a stage, from simulation to verification."""
+"""The program `aminn`: one command per stage, from simulation to verification."""
 
 from __future__ import annotations
 
@@ -65,14 +65,14 @@ def with_calibration(data: Dataset, calibration: Path | None, run: Checkpoint) -
 SENSORS = click.option(
     "--sensors",
     metavar="WORDS",
-    help="What models are told of friction, the tool's weight and tendon tensions: friction or class (low, mid, high), "
-    "weight and tension joined by +, as in class+weight; nothing; all.  [default: what was measured; of simulated data "
-    "nothing]",
+    help="What models are given of friction, the tool's weight and tendon tensions: friction or class (low, mid, "
+    "high), weight and tension joined by +, as in class+weight; nothing; all.  [default: what was measured; of "
+    "simulated data nothing]",
 )
 
 
 def with_told(data: Dataset, words: str | None) -> Dataset:
-    """The data with what a model is to be told of their sensors, if it is said."""
+    """The data with what a model is given of their sensors, if `words` says it."""
     if words is None:
         return data
     from aminn.data.sensors import Told, sensed
@@ -118,7 +118,7 @@ def main() -> None:
 
 
 @main.command()
-@click.option("--out", type=FOLDER, required=True, help="Folder of the data set; an unfinished one is gone on with.")
+@click.option("--out", type=FOLDER, required=True, help="Folder of the data set; an unfinished one is continued.")
 @click.option("--grasps", type=click.IntRange(1), default=400, show_default=True, help="Number of grasps.")
 @click.option("--cases", type=click.IntRange(1), default=16, show_default=True, help="Load cases per grasp.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True)
@@ -222,9 +222,9 @@ def import_(
 ) -> None:
     """Check measured pushes (CSV, Parquet, HDF5, ROS 2 bags) and write them as a data set that every command takes.
 
-    One row a push; docs/own-data.md has the columns, and how a map finds them in a bag. Every fault is named with its
-    column and row, or its topic and message, and nothing is written then. What stands in for sensors that the table
-    lacks is said and kept in the manifest.
+    One row per push; docs/own-data.md has the columns, and how a map finds them in a bag. Every fault is named with its
+    column and row, or its topic and message, and nothing is written then. It says what replaces sensors that the
+    table lacks, and keeps it in the manifest.
     """
     from .importing import run_import
 
@@ -242,7 +242,7 @@ def _print_config(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
 
 @main.command()
 @click.option("--data", type=DATA, required=True, help="Folder that `aminn simulate` wrote.")
-@click.option("--out", type=FOLDER, required=True, help="Folder of the checkpoint; an unfinished run is gone on with.")
+@click.option("--out", type=FOLDER, required=True, help="Folder of the checkpoint; an unfinished run is continued.")
 @click.option("--model", "kind", type=click.Choice(["aminn", "mlp"]), default=None, help="AMINN or the baseline.")
 @click.option("--seed", type=click.IntRange(0), default=None, help="Weights and order of samples.")
 @click.option("--epochs", type=click.IntRange(1), default=None, help="Passes over the data, each stage.")
@@ -292,7 +292,7 @@ def train(
     Settings come from the defaults, then the file, then the options, then --set; later ones win. One table
     model.mechanics stands for both stages.
 
-    Interrupt or kill it at will: the same command goes on from the last finished epoch and ends in the same bytes. A
+    Interrupt or kill it at will: the same command continues from the last finished epoch and ends in the same bytes. A
     folder that holds a run of other settings or data is refused, and the message names what differs. A loss that
     diverges ends the run with step and term, and leaves the last good state.
 
@@ -331,9 +331,9 @@ def sweep(grid: Path, data: Path, out: Path, jobs: int | None, tensorboard: bool
       kind = ["aminn", "mlp"]
       model.width = [32, 64]
 
-    Each run has one thread and a folder named by its settings. Interrupt or kill it at will: the same command goes on.
-    A run that fails is named, and the others go on. The table at the end is that of `aminn compare`; OUT/sweep.json has
-    every figure, OUT/sweep.html the training curves.
+    Each run has one thread and a folder named by its settings. Interrupt or kill it at will: the same command
+    continues. A run that fails is named, and the others continue. The table at the end is that of `aminn compare`;
+    OUT/sweep.json has every figure, OUT/sweep.html the training curves.
     """
     from .run_comparison import compare_runs
     from .sweep import read_grid, run_sweep
@@ -392,7 +392,12 @@ def evaluate(
 @main.command()
 @click.option("--run", "checkpoint", type=EXISTING, required=True, help="Checkpoint folder.")
 @click.option("--data", type=FILE_OR_FOLDER, required=True, help="Pushes of the hand: a table, a bag or a data set.")
-@click.option("--map", "map_file", type=READABLE, help="TOML file: where a table or bag has what is called otherwise.")
+@click.option(
+    "--map",
+    "map_file",
+    type=READABLE,
+    help="TOML file: names, frames, units and signs that differ from ours.",
+)
 @click.option("--out", type=NEW_FILE, required=True, help="Write theta here (JSON); a C table beside it, .h.")
 @click.option(
     "--prior",
@@ -415,7 +420,7 @@ def evaluate(
     help="Measure the model's own errors on this data set of known hands (simulated with --vary mechanics=...; "
     "the training's will do). Kept in the run, as errors.json.",
 )
-@click.option("--as-told", is_flag=True, help="Go on where the data look misread: take them as they stand.")
+@click.option("--as-told", is_flag=True, help="Continue where the data look misread: take them as they are.")
 @click.option("--page", type=NEW_FILE, help="Write a page with plots here (HTML).")
 def calibrate(
     checkpoint: Path,
@@ -505,7 +510,7 @@ def export(checkpoint: Path, data: Path, out: Path, prefix: str, name: str | Non
     help="PyTorch, ONNX Runtime or the compiled runtime  [default: torch of a run, runtime of an export]",
 )
 @click.option("--calibration", type=READABLE, help="What `aminn calibrate` found of this very hand.")
-@click.option("--map", "map_file", type=READABLE, help="TOML file: where the table has what is called otherwise.")
+@click.option("--map", "map_file", type=READABLE, help="TOML file: names, units and signs that differ from ours.")
 @click.option("--threads", type=click.IntRange(1), default=None, help="Cores to use  [default: all]")
 @click.option("--out", type=NEW_FILE, help="Write table and predictions here: .csv, .parquet, .h5 or .jsonl.")
 def predict(
@@ -522,7 +527,7 @@ def predict(
 
     TABLE is a CSV, Parquet, HDF5 or JSON-lines file of states (docs/own-data.md lists the columns), a ROS 2 bag, a data
     set folder, "-" for standard input, or one state as JSON: '{"q": [...], "x_ht": [...], "w_e": [...], "contacts":
-    [[...], ...]}'. Without --out predictions are printed as JSON, a line a row.
+    [[...], ...]}'. Without --out predictions are printed as JSON, one line per row.
 
     The columns are the same whatever evaluates the model. A row that cannot be predicted from stays in its place:
     status and notes say why, its numbers are empty.
@@ -583,8 +588,8 @@ def verify(
     """Replay a data set through ONNX Runtime and the compiled runtime; fail on a mismatch.
 
     Every output of every sample is judged: against ONNX Runtime within the limits of docs/export.md, and the runtime's
-    replays against one another bit by bit. Exit code 0: all the same; 1: something differs; 3: it cannot be told, since
-    a file is damaged or missing.
+    replays against one another bit by bit. Exit code 0: all the same; 1: something differs; 3: no answer, since a file
+    is damaged or missing.
     """
     from aminn_base.files import check_outputs
     from aminn_export.judge.verdict_report import write_junit, write_verdict
@@ -611,7 +616,7 @@ def verify(
 @click.option("--page", type=NEW_FILE, help="Runs: write a page with table and training curves here (HTML).")
 @click.option("--json", "json_file", type=NEW_FILE, help="Write the figures here; of files each number that differs.")
 @click.option("--show", type=click.IntRange(0), default=10, show_default=True, help="Files: print so many numbers.")
-@click.option("--junit", "junit_file", type=NEW_FILE, help="Files: write a test case an output, for a build server.")
+@click.option("--junit", "junit_file", type=NEW_FILE, help="Files: write one test case per output, for a build server.")
 def compare(
     paths: tuple[Path, ...],
     data: Path | None,
@@ -626,7 +631,7 @@ def compare(
     Three seeds of each model, and how they learned:
       aminn compare runs/aminn-* runs/mlp-* --page runs.html
 
-    Runs that differ in nothing but the seed make one row, mean and standard deviation; a row is called by the settings
+    Runs that differ in nothing but the seed make one row, mean and standard deviation; a row is named by the settings
     in which it differs from others. The figures are those on the validation grasps that chose each run.
 
     Two result files must have the same bits. Results of a vector file may differ from its reference by the limits of
@@ -797,7 +802,7 @@ def hand() -> None:
 @click.option("--picture", type=NEW_FILE, help="Draw joints, axes and names here (.png, .svg or .pdf).")
 @click.option("--json", "json_file", type=NEW_FILE, help="Write the figures here, as flat keys.")
 def check(file: Path, pinch: float, grasps: int, seed: int, picture: Path | None, json_file: Path | None) -> None:
-    """Say what a hand file (TOML) and its MJCF describe, and hold that against the engine.
+    """Say what a hand file (TOML) and its MJCF describe, and compare that with the engine.
 
     Prints each branch's joints, axes, springs, servos, tendons and couplings; refuses by name what the statics cannot
     hold; then moves a ball in light grasps and says how far theory and simulation are apart.
@@ -850,13 +855,13 @@ def convert(file: Path, out: Path) -> None:
     """Make a model that the simulation's MuJoCo takes of one for a newer MuJoCo, or of a URDF.
 
     FILE is a hand file (.toml) or a model. The current MuJoCo (pip install 'aminn[mujoco]') compiles it; the outcome is
-    written anew, held against the original and reported. Refuses by name what would be lost: a plugin actuator, a
+    written again, compared with the original and reported. Refuses by name what would be lost: a plugin actuator, a
     spring that is not linear, a fingertip that touches nothing.
     """
     from aminn_sim.convert import convert_to
 
     made = convert_to(file, out, click.echo)
-    click.echo(f"go on with {made}")
+    click.echo(f"continue with {made}")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """The whole path on one machine: simulate, train, compare, export, compile, replay, report (`make demo`).
 
 Every stage is the real one at a modest scale, and each is skipped when its result is there already: an interrupted demo
-goes on where it stopped.
+continues where it stopped.
 """
 
 from __future__ import annotations

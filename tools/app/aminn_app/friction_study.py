@@ -106,7 +106,7 @@ class Learner:
         model = checkpoint.model
         if not (isinstance(model, Aminn) and learns(checkpoint)):
             raise AminnError(
-                f"{checkpoint.path}: contacts of this model do not slide, or it sees no sensors; train it anew"
+                f"{checkpoint.path}: contacts of this model do not slide, or it sees no sensors; train it again"
             )
         self.model, self.data, self.slips = model, data, slips
         self.samples = data.samples

@@ -1,6 +1,6 @@
 """Every hand that comes with the project through everything: build/reports/hands.json (`make hands`).
 
-Each description is held against the engine; then the hand goes the whole path of `make demo` at a smaller scale. The
+Each description is compared with the engine; then the hand goes the whole path of `make demo` at a smaller scale. The
 closure of its data is compared with finite differences of its kinematics, the compiled runtime with ONNX Runtime on
 this machine and on the emulated Cortex-M7.
 """
@@ -76,7 +76,7 @@ def one_hand(file: Path, build: Path, pinch_N: float, grasps: int, cases: int, w
     from aminn_sim.hand_check import check
 
     folder = build / "hands" / file.stem
-    described = watch.run("check", f"{file.stem}: hold the description against the engine",
+    described = watch.run("check", f"{file.stem}: compare the description with the engine",
                           lambda: check(file, pinch_N, echo=click.echo))  # fmt: skip
     figures: dict[str, Any] = {k: v for k, v in described.figures().items() if k != "hand"}
     if described.problem:

@@ -3,7 +3,7 @@
 Grasps that no model was trained on, each loaded in three directions. The model finds the largest admissible load. So do
 rules with a fixed safety factor: a constant load, a share of what the grasp presses with, and a share of what statics
 allows before a contact slips. All have the same risk on validation grasps, where limits and factors are chosen; what
-they allow on test grasps is simulated. What is measured is kept: a study that is cut goes on where it stopped.
+they allow on test grasps is simulated. What is measured is kept: a study that is cut continues where it stopped.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ MARGINS = (0.0, 0.5, 1.0, 2.0)
 P_SLIDE = (1.0, 0.5, 0.3, 0.1)
 """Among which validation grasps choose."""
 SCANNED = 100
-"""Loads of a dense scan, by which limits are chosen, and that the search is held against."""
+"""Loads of a dense scan, by which limits are chosen, and that the search is compared with."""
 SEARCH_PREDICTIONS = 13
 """That `aminn_admissible_load` makes at most (AMINN_LOAD_PREDICTIONS)."""
 TOLD = ("nothing", "class_weight", "friction_weight")

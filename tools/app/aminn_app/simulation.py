@@ -106,7 +106,7 @@ def run_simulation(
     json_file: Path | None = None,
     **settings: Any,
 ) -> dict:
-    """Simulate a data set into folder `out`, or go on with an unfinished one; returns its manifest.
+    """Simulate a data set into folder `out`, or continue an unfinished one; returns its manifest.
 
     `engine` is one of `aminn_sim.engines.ENGINES`, `hand` a hand file; `settings` are further fields of
     `aminn_sim.SimulationConfig`. `json_file` gets the time it took, if there was anything left to do.

@@ -3,8 +3,8 @@ the model and its training (`make ablation`), and how wide a model must be (`mak
 
 Both learn from the same part of the data set (`REGIMES["iid"]`): known tool families, moderate friction and loads. The
 rest is what nobody has seen: another family, more friction, larger loads. A run is trained on one thread, runs stand
-side by side. Finished runs and their figures are kept, and the report is written anew after each: a study that is cut
-goes on where it stopped, and what it has is a whole table of fewer seeds.
+side by side. Finished runs and their figures are kept, and the report is written again after each: a study that is cut
+continues where it stopped, and what it has is a whole table of fewer seeds.
 
 One model a seed is judged with each set of `INPUTS` that optional sensors tell.
 """

@@ -77,7 +77,7 @@ def run_sweep(
 
 
 def _train(config: TrainConfig, data: Path, out: Path, position: int, tensorboard: bool) -> str:
-    """Train one run; what went wrong, if anything: the others go on."""
+    """Train one run; what went wrong, if anything: the others continue."""
     try:
         train(config, data_of(data), out, bar_position=position, tensorboard=tensorboard)
     except AminnError as error:

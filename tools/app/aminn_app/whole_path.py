@@ -1,6 +1,6 @@
 """The whole path for one hand: simulate, train AMINN and the MLP, compare, export, compile, replay.
 
-Every stage is skipped where its result is there already: what was interrupted goes on where it stopped.
+Every stage is skipped where its result is there already: what was interrupted continues where it stopped.
 """
 
 from __future__ import annotations

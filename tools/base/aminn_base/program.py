@@ -135,7 +135,7 @@ def _terminate(number: int, frame: FrameType | None) -> None:
 
 
 def _stopped(how: str) -> str:
-    return f"{how}; the same command goes on where it stopped"
+    return f"{how}; the same command continues where it stopped"
 
 
 def _line(text: str) -> str:

@@ -1,4 +1,4 @@
-"""What long work says of itself on standard error: a bar in a terminal, a line a state in a log, or nothing."""
+"""What long work says of itself on standard error: a bar in a terminal, one line per state in a log, or nothing."""
 
 from __future__ import annotations
 

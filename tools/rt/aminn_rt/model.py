@@ -235,9 +235,9 @@ class Model:
     ) -> Prediction:
         """Predict N states.
 
-        Each array has a row a state: q (N, J) rad, x_ht (N, 6) m and rad, w_e (N, 6) N and N.m, contacts (N, B, 8); the
-        closure Jacobians j_x (N, B, 3, 6) and j_q (N, B, 3, C) are computed where they are not given. An array without
-        the leading dimension, or with one row, is the same for all states. `aminn_rt.h` draws frames and signs.
+        Each array has one row per state: q (N, J) rad, x_ht (N, 6) m and rad, w_e (N, 6) N and N.m, contacts (N, B, 8).
+        The closure Jacobians j_x (N, B, 3, 6) and j_q (N, B, 3, C) are computed where they are not given. An array
+        without the leading dimension, or with one row, is the same for all states. `aminn_rt.h` draws frames and signs.
 
         theta (N, P) or (P): by how much this hand differs from its description, in the order of `theta_names`; None is
         nominal. Angles and contacts are corrected by it, but where j_x and j_q are given: these are of a state that is.

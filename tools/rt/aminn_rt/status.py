@@ -32,7 +32,7 @@ class Status(IntEnum):
 
 
 def statuses(inputs: Mapping[str, NDArray]) -> NDArray[np.int32]:
-    """What the runtime says to inputs, theta and sensors, by their names and with a row a state (N): all but NUMERIC.
+    """What the runtime says to inputs, theta and sensors by name, one row per state (N): all but NUMERIC.
 
     What is wrong with theta goes before all else.
     """

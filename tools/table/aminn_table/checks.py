@@ -208,7 +208,7 @@ def _times(hand: Hand, arrays: Arrays, rows: Rows) -> Iterator[Fault]:
         step < 0,
         lambda i: f"is {-step[i]:.6g} s before the row above: rows are to be sorted by time, from one clock",
     )
-    yield from rows.fault("time_s", step == 0, "is that of the row above: one row a push")
+    yield from rows.fault("time_s", step == 0, "is that of the row above: one row per push")
     if "grasp_id" not in arrays or (step <= 0).any():
         return
     grasp = arrays["grasp_id"]

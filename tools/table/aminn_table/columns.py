@@ -1,4 +1,4 @@
-"""The columns of a table of pushes, one row a push: the one list that reader, checks, messages and documentation share.
+"""The columns of a table of pushes, one row per push: the one list for reader, checks, messages and documentation.
 
 A row says how hand, tool and contacts stood before the push, what the push was, and what it did. SI, palm frame H.
 """
@@ -18,7 +18,7 @@ from aminn_hand.sensors import CLASS_NAMES, DEFAULT_DEVIATION, FRICTION, TENDON_
 from aminn_hand.theta import Theta
 
 Arrays = dict[str, NDArray]
-"""Measured numbers by the names of a model's inputs and outputs, each with a row a push."""
+"""Measured numbers by the names of a model's inputs and outputs, each with one row per push."""
 
 PALM = "H"
 PUSH = (*STATE, "dx_ht")

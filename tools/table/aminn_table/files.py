@@ -71,7 +71,7 @@ def raw_of(path: AnyPath, content: bytes) -> Raw:
 
 
 def from_json(source: str, text: str) -> Raw:
-    """A line a row: an object of columns, or of arrays of the design's names."""
+    """A line per row: an object of columns, or of arrays of the design's names."""
     lines = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip()]
     rows: list[dict] = []
     for k, line in lines:
@@ -104,7 +104,7 @@ def from_columns(source: str, columns: Mapping[str, ArrayLike]) -> Raw:
     found = {str(name): np.asarray(values) for name, values in columns.items()}
     found = {name: _texts(v) if v.dtype.kind in "USO" else v for name, v in found.items()}
     if odd := [name for name, v in found.items() if v.ndim != 1]:
-        raise AminnError(f"{source}: {odd[0]} has shape {found[odd[0]].shape}, expected a number a row")
+        raise AminnError(f"{source}: {odd[0]} has shape {found[odd[0]].shape}, expected one number per row")
     if len({len(v) for v in found.values()}) > 1:
         lengths = ", ".join(f"{k} {len(v)}" for k, v in found.items())
         raise AminnError(f"{source}: columns have different lengths: {lengths}")
@@ -164,7 +164,7 @@ def _read_parquet(path: str, content: bytes) -> Raw:
             if pa.types.is_null(column.type):
                 columns[name] = np.full(table.num_rows, np.nan)
             elif not _is_text(column.type) and not _is_number(column.type):
-                strange.append(Fault(name, f"holds {column.type}, expected one number a row"))
+                strange.append(Fault(name, f"holds {column.type}, expected one number per row"))
             elif _is_text(column.type):
                 columns[name] = np.array(column.to_pylist(), object)
             elif pa.types.is_integer(column.type) and not column.null_count:
@@ -199,7 +199,7 @@ def _read_hdf5(path: str, content: bytes) -> Raw:
         raise AminnError(f"{path}: not a readable HDF5 file ({_first_line(error)}); write it again") from error
     lengths = {name: len(values) for name, values in arrays.items() if np.ndim(values)}
     if not lengths:
-        raise AminnError(f"{path}: has no arrays at its root, expected q, x_ht, w_e, contacts with a row a push")
+        raise AminnError(f"{path}: has no arrays at its root, expected q, x_ht, w_e, contacts with one row per push")
     if len(set(lengths.values())) > 1 or len(lengths) < len(arrays):
         raise AminnError(f"{path}: arrays have different lengths: " + ", ".join(f"{k} {n}" for k, n in lengths.items()))
     columns: dict[str, NDArray] = {}

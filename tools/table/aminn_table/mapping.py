@@ -119,7 +119,7 @@ class ContactTable(_Table):
     topic: str
     frame: str = "palm"
     on: str | None = None
-    """A flag, a number that is held against `above`, or a list that is empty without contact; default: the point."""
+    """A flag, a number that is compared with `above`, or a list that is empty without contact; default: the point."""
     above: float = 0.0
     point: str | None = None
     """A point or vector with x, y, z."""

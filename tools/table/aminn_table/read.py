@@ -232,7 +232,7 @@ def _converted(column: Column, values: NDArray, rows: Rows) -> tuple[NDArray, li
         faults = rows.fault(column.name, bad, lambda i: f"is {values[i]:g}, expected a whole number")
         return np.where(bad, 0, values).astype(np.int64), list(faults)
     if values.dtype.kind != "O":
-        return np.zeros(len(values)), [Fault(column.name, f"holds {values.dtype}, expected one number a row")]
+        return np.zeros(len(values)), [Fault(column.name, f"holds {values.dtype}, expected one number per row")]
     parse: Callable[[str], float | None] = _whole if whole else _number
     read = [parse("" if v is None else str(v)) for v in values]
     bad = np.array([r is None for r in read], bool)

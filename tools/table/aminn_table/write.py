@@ -25,8 +25,8 @@ from .files import FRAME, format_of
 def write_table(path: AnyPath, hand: Hand, arrays: Arrays) -> None:
     """Write arrays (leading dimension n) as a table, in the format that the end of the name says.
 
-    CSV and Parquet have a column a number, HDF5 and lines of JSON an array a name. Columns that are NaN in every row
-    are left out of CSV and Parquet, but for predictions. Raises AminnError for another name, WriteError where it
+    CSV and Parquet have one column per number, HDF5 and lines of JSON one array per name. Columns that are NaN in every
+    row are left out of CSV and Parquet, but for predictions. Raises AminnError for another name, WriteError where it
     cannot be written.
     """
     kind = format_of(path)
@@ -101,7 +101,7 @@ def _json(hand: Hand, arrays: Arrays) -> bytes:
 
 
 def json_lines(hand: Hand, arrays: Arrays) -> Iterator[str]:
-    """A line a row: an object of arrays by their names. What is no number is null, a flag true or false."""
+    """A line per row: an object of arrays by their names. What is no number is null, a flag true or false."""
     lists = {name: (values > 0 if _is_flag(hand, name) else values).tolist() for name, values in arrays.items()}
     for row in zip(*lists.values(), strict=True):
         yield json.dumps({name: finite(value) for name, value in zip(lists, row, strict=True)})

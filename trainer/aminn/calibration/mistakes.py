@@ -1,7 +1,7 @@
 """The usual mistakes in the data of a hand: each tried by reading the data that way.
 
 A mistake is named where the model with some theta explains the data far better if they are read so than as they are
-told. That needs no knowledge of the hand beyond its description, since theta is fitted anew to each reading.
+told. That needs no knowledge of the hand beyond its description, since theta is fitted again to each reading.
 """
 
 from __future__ import annotations

@@ -192,7 +192,7 @@ def read_calibration(path: AnyPath, hand: Hand) -> Array:
 
 
 def calibrated(data: Dataset, theta: Array) -> Dataset:
-    """Measured samples as a model with theta is to see them: states corrected, closure anew, theta among the inputs."""
+    """Measured samples as a model with theta sees them: states corrected, closure computed again, theta as input."""
     s = data.samples
     true = true_states(data.hand, s["q"], s["x_ht"], s["w_e"], s["contacts"], theta)
     return replace(data, samples=s | true)

@@ -34,7 +34,7 @@ CORRECTED = "joint angles and contacts are made right by the joint zeros and rad
 
 
 def write_measured(out: Path, hand: Hand, arrays: Mapping[str, NDArray], fallbacks: Sequence[str] = ()) -> dict:
-    """Write the data set of checked arrays, with a row a push and no gaps, to folder `out`; returns its manifest.
+    """Write the data set of checked arrays, with one row per push and no gaps, to folder `out`; returns its manifest.
 
     Needs q, x_ht, w_e, contacts, dx_ht and grasp_id; `stable` is 1 where it is not told. Rows keep their order, time_s
     is kept, and so are sensors that a row tells; theta, where it is told, is one of each grasp. Its joint zeros and

@@ -22,7 +22,9 @@ def regimes(data: Dataset) -> dict[str, NDArray[np.bool_]]:
     rows, w = data.grasp_rows(), data.samples["w_e"]
     kind, families = data.simulated("grasps", "tool_family"), data.manifest["tool_families"]
     if NEW_FAMILY not in families:
-        raise AminnError(f"the data set has no {NEW_FAMILY} among its tools ({', '.join(families)}): make dataset anew")
+        raise AminnError(
+            f"the data set has no {NEW_FAMILY} among its tools ({', '.join(families)}): make dataset again"
+        )
     family = kind[rows] != families.index(NEW_FAMILY)
     friction = data.simulated("grasps", "friction")[rows] <= FRICTION_MAX
     load = (np.linalg.norm(w[:, :3], axis=1) <= FORCE_MAX_N) & (np.linalg.norm(w[:, 3:], axis=1) <= MOMENT_MAX_NM)

@@ -17,7 +17,7 @@ from .metrics import LARGE_ERROR, pose_error, pose_size
 
 Array = NDArray[np.float64]
 Resampled = dict[str, Array]
-"""Figure -> its values (1 + DRAWS): of the test set as it is, then of its grasps drawn anew, with replacement."""
+"""Figure -> its values (1 + DRAWS): of the test set as it is, then of its grasps drawn again, with replacement."""
 DRAWS = 1000
 LEVEL = 0.95
 DIFFERENCES = ("f1",)
@@ -74,7 +74,7 @@ def _quantiles(v: Array, counts: NDArray[np.int64], q: float) -> Array:
 
 
 def compared(mine: Sequence[Resampled], other: Sequence[Resampled], figure: str) -> Compared:
-    """A model's figure against another's, each by the same seeds: the mean over seeds, which are drawn anew too."""
+    """A model's figure against another's, each by the same seeds: the mean over seeds, which are drawn again too."""
     pairs = zip(mine, other, strict=True)
     with np.errstate(invalid="ignore", divide="ignore"):
         each = np.stack([a[figure] - b[figure] if figure in DIFFERENCES else a[figure] / b[figure] for a, b in pairs])

@@ -1,7 +1,7 @@
 """The closure of a grasp from what a hand measures: joint angles, tool pose and contacts, with the hand's geometry.
 
 As docs/mechanics.md has it: A_b = [I | -[r]x] with r from the tool's origin to the contact, B_b the motion of the
-contact by the branch's joints. Data sets carry both; here they are computed anew, from readings with noise.
+contact by the branch's joints. Data sets carry both; here they are computed again, from readings with noise.
 """
 
 from __future__ import annotations

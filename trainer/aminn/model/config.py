@@ -1,4 +1,4 @@
-"""Configuration of a training run: dataclasses with a docstring a field, TOML files, and `key=value` overrides.
+"""Configuration of a training run: dataclasses with one docstring per field, TOML files, and `key=value` overrides.
 
 The field docstrings are the one description of a setting: `aminn train --print-config` prints them beside the values,
 in a form that `--config` reads back. Values are checked where they are made: a wrong one is refused before any work.
@@ -48,8 +48,8 @@ class MechanicsConfig:
     """Constants of the mechanics layer."""
 
     eps_m: Annotated[Scale | None, _own] = None
-    """Isotropic contact compliance of every branch, m/N, or "hand": the hand's own, a value a branch. It also bounds
-    the conditioning in float32."""
+    """Isotropic contact compliance of every branch, m/N, or "hand": the hand's own, one value per branch. It also
+    bounds the conditioning in float32."""
     learn_eps_m: bool = True
     """Take eps_m as a start and learn a factor on it, one a stage."""
     eps_kx: Scale = 1e-3
@@ -154,7 +154,7 @@ class LossWeights:
 
 @checked_dataclass(frozen=True, config=CHECKS)
 class SensorDraws:
-    """What is known of a training sample in a model with sensors, drawn anew each time that it is shown."""
+    """What is known of a training sample in a model with sensors, drawn again each time that it is shown."""
 
     friction: Share = 0.6
     """Share of samples whose friction is told."""

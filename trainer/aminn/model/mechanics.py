@@ -262,7 +262,7 @@ def _twist_stiffness(twist: Tensor, normal: Tensor, c: Tensor, length_m: float) 
 def dense_stiffness(
     k_q: Tensor, contact: Tensor, j_x: Tensor, j_q: Tensor, eps_m: Tensor, config: MechanicsConfig
 ) -> Tensor:
-    """K_x (N, 6, 6) by the undivided algebra of the paper; the tests hold it against the sum over branches.
+    """K_x (N, 6, 6) by the undivided algebra of the paper; the tests compare it with the sum over branches.
 
     k_q (N, B, C, C), contact (N, B), eps_m (B). A branch out of contact is left out of the stacked matrices by scaling
     its rows of J_x.

@@ -93,7 +93,7 @@ class Engine(ABC):
 
     @abstractmethod
     def run(self, x: Arrays, threads: int) -> Outputs:
-        """Predict from `Dims.inputs` or a state alone, theta (N, P) and sensors, in float64 with a row a state.
+        """Predict from `Dims.inputs` or a state alone, theta (N, P) and sensors, in float64 with one row per state.
 
         Where j_x and j_q are not given the state is as it was measured: theta says how it is to be read, and the
         closure is computed.

@@ -1,4 +1,4 @@
-"""An unfinished training run on disk: one safetensors file that holds all that a run needs to go on to the same bytes.
+"""An unfinished training run on disk: one safetensors file that holds all that a run needs to end in the same bytes.
 
 Tensors: weights of the whole model, the best weights of the stage so far, AdamW's moments, the generator's state.
 JSON in the file's metadata: identity of the run, learning-rate schedule, epochs done, history. One file, replaced
@@ -98,7 +98,7 @@ def load_run(folder: Path, identity: dict) -> RunState | None:
 
 
 def damaged(folder: Path, error: Exception) -> OutdatedError:
-    """What to say of the unfinished run in `folder` where it cannot be gone on with."""
+    """What to say of the unfinished run in `folder` where it cannot be continued."""
     text = f"{type(error).__name__}: {error}" if isinstance(error, KeyError | AttributeError) else str(error)
     return OutdatedError(f"{folder / FILE}: the unfinished run there is damaged ({text}); remove the folder")
 

@@ -1,7 +1,7 @@
 """Train a cascade: stage 1 on every sample, stage 2 on the stable ones, then how sure it is of its motion, and tau.
 
 Bytes depend on data, configuration and seed alone: arithmetic runs on one thread, and the order of the samples comes
-from a generator whose state is part of the run's state (`run_state`). An interrupted or killed run goes on from its
+from a generator whose state is part of the run's state (`run_state`). An interrupted or killed run continues from its
 last finished epoch and ends in the same bytes.
 """
 
@@ -115,7 +115,7 @@ def _select(x: Inputs, index: Tensor) -> Inputs:
 
 
 def _stage_data(part: Dataset) -> tuple[Inputs, Tensor, Tensor]:
-    """Inputs, stability (n), and what stage 2 is held against: motion and, where known, taut tendons (n, 6 + B)."""
+    """Inputs, stability (n), and what stage 2 is compared with: motion and, where known, taut tendons (n, 6 + B)."""
     taut = part.taut()
     motion = part.samples["dx_ht"] if taut is None else np.hstack([part.samples["dx_ht"], taut])
     stable = torch.as_tensor(part.samples["stable"] > 0)
@@ -176,7 +176,7 @@ def continued(config: TrainConfig, start: Checkpoint, data: Dataset) -> TrainCon
     if config.model != ModelConfig() and wanted != mine:
         keys = ", ".join(f"model.{key}" for key in differences(asdict(mine), asdict(wanted)))
         raise AminnError(
-            f"{start.path}: was trained with another {keys}; leave the settings of the model out, or train anew"
+            f"{start.path}: was trained with another {keys}; leave the settings of the model out, or train again"
         )
     return replace(config, model=mine)
 
@@ -490,7 +490,7 @@ def train(
         if finetune is not None:
             trained_on = finetune.meta.get("identity", {}).get("data_sha256", "")
             meta["finetuned"] = {"sha256": finetune.sha256, "data_sha256": trained_on, "validation": least}
-        (out / CARD).unlink(missing_ok=True)  # it would be held against the new files
+        (out / CARD).unlink(missing_ok=True)  # it would be compared with the new files
         board.result(config, meta["validation"])
         board.close()
         save_checkpoint(out, model, meta)

@@ -2,12 +2,12 @@
 
 python -m aminn_export.judge.bench --model tests/golden --build build/host --json build/reports/bench.json
 
-One thread, one sample a call, the same samples, in turns, in one program (runtime/tools/aminn_bench.cpp): Eigen and
+One thread, one sample per call, the same samples, in turns, in one program (runtime/tools/aminn_bench.cpp): Eigen and
 OpenBLAS doing the products alone, the runtime, ONNX Runtime through its C interface on `aminn.onnx`, and ONNX Runtime
 on a plain MLP with as many parameters. Where the processor has AVX-512, the products and the runtime are timed once
 more as they are with AVX2 alone. Then a batch as a planner asks for it, through aminn_rt and through ONNX Runtime, on
-as many threads each, in turns as well: ONNX Runtime on all rows at once, in chunks, with a session a thread, and one
-sample a call.
+as many threads each, in turns as well: ONNX Runtime on all rows at once, in chunks, with one session per thread, and
+one sample per call.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ from .verify import model_prefix
 
 ROUNDS = 1000
 BATCH_ROWS, BATCH_THREADS, BATCH_ROUNDS = 10_000, 2, 9
-BATCH_SINGLE = 500  # rows of them one sample a call, which takes long
+BATCH_SINGLE = 500  # rows of them one sample per call, which takes long
 MLP_OUTPUTS = 7  # p_stable and dx_ht
 RATIO_LIMITS = {
     "runtime_to_floor_ratio": ("<=", 1.5),

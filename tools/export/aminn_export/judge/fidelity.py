@@ -4,7 +4,7 @@ python -m aminn_export.judge.fidelity --model tests/golden --data build/fidelity
 
 Simulated and adversarial states go through ONNX Runtime and through the runtime on every target. The truth is float64
 with the statics in square-root form (its own error grows with the square root of the condition number); the plain form
-of `reference.py` is held against it where K_x is well conditioned.
+of `reference.py` is compared with it where K_x is well conditioned.
 """
 
 from __future__ import annotations

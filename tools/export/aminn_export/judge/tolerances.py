@@ -1,6 +1,6 @@
 """What a prediction may differ by from its reference: the one table that Python, C and the documentation follow.
 
-python -m aminn_export.judge.tolerances     # runtime/tools/tolerances.h and the table of docs/export.md anew
+python -m aminn_export.judge.tolerances     # runtime/tools/tolerances.h and the table of docs/export.md, written again
 
 Two correct evaluations in single precision differ by rounding, and by how much depends on the sample: on the condition
 of K_x, on the size of the motion, on how steep a sigmoid is there. The limits follow these, so that they are as close

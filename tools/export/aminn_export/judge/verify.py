@@ -267,8 +267,8 @@ def _as_results(outputs: dict[str, NDArray], tau: float) -> Results:
 def check_golden(export_dir: Path, model: BinModel) -> list[str]:
     """What is wrong with the golden vectors beside the model, if they are there.
 
-    Their reference is held against both ONNX models, which compute in other last places on another processor, and their
-    float64 against a float64 evaluation.
+    Their reference is compared with both ONNX models, whose last digits differ on another processor, and their float64
+    with a float64 evaluation.
     """
     golden, tau, length = export_dir / GOLDEN_FILE, model.meta["tau"], model.meta["length_scale"]
     if not golden.is_file():

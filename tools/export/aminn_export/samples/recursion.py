@@ -1,4 +1,4 @@
-"""What `aminn_calibrate_push()` computes, in float64 and by plain algebra: the oracle that the runtime is held against.
+"""What `aminn_calibrate_push()` computes, in float64 and by plain algebra: the oracle of the runtime.
 
 It forms and inverts K_x, where the runtime goes by square roots; the rest is the same recursion, step by step.
 """
