@@ -40,3 +40,11 @@ def test_every_page_is_in_the_index() -> None:
     there = {str(page.relative_to(ROOT / "docs")) for page in PAGES if page.parent != ROOT} - {"index.md"}
     assert there <= shown
     assert there <= listed
+
+
+def test_each_thing_that_users_expect_has_a_page_or_a_command() -> None:
+    rows = [line.split("|") for line in (ROOT / "docs" / "expected.md").read_text().splitlines() if line[:2] == "| "][
+        1:
+    ]
+    assert len(rows) > 20
+    assert [row[1] for row in rows if not LINK.search(row[3]) and "`" not in row[3]] == []
