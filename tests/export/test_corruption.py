@@ -110,6 +110,13 @@ def test_without_its_card_a_checkpoint_s_numbers_are_what_they_are(run: Path) ->
     assert len(silent) > 15
 
 
+def test_an_unknown_kind_of_model_is_refused_by_its_file(run: Path) -> None:
+    """Found by `make fuzz-files`: the message did not say where."""
+    (run / META).write_text((run / META).read_text().replace('"kind": "aminn"', '"kind": "forest"'))
+    with pytest.raises(AminnError, match=r"model\.json: kind is 'forest', expected aminn or mlp"):
+        load_checkpoint(run)
+
+
 def test_binary_models_in_python(export_dir: Path, trust: dict) -> None:
     whole = (export_dir / "aminn_model.bin").read_bytes()
     tried = 0

@@ -18,7 +18,7 @@ import random
 import shutil
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -60,6 +60,7 @@ class Campaign:
         self._expect_success(done)
         self.end = read_tree(self.top)
         self.readings.append(self._reading())
+        assert all(isinstance(r, dict) and "read" in r for r in self.readings), self.readings
         self.calls = read_record(record, self.top)
         disk = Disk(self.start)
         for c in self.calls:
@@ -241,10 +242,11 @@ def campaign(
     return run
 
 
-def find_seeds(work: Path, report: Path | None) -> int:
+def find_seeds(work: Path, report: Path | None, names: Sequence[str]) -> int:
     """Plant each defect; the number of those that were not found."""
     found = {}
-    for name, seed in SEEDS.items():
+    for name in names:
+        seed = SEEDS[name]
         scenario = next(s for s in SCENARIOS if s.name == seed.scenario)
         faults = campaign(scenario, work, None, seed.plant, stop=True).faults
         found[f"powercut_seed_{name}_found"] = bool(faults)
@@ -265,12 +267,13 @@ def main() -> int:
     )
     parser.add_argument("--only", action="append", choices=[s.name for s in SCENARIOS])
     parser.add_argument("--seeds", action="store_true", help="plant each defect that is known to be found, and find it")
+    parser.add_argument("--seed", action="append", choices=list(SEEDS), help="of these the ones to plant")
     args = parser.parse_args()
     work = args.work.resolve()
     shutil.rmtree(work, ignore_errors=True)
     prepare(work / "given")
     if args.seeds:
-        return find_seeds(work, args.report)
+        return find_seeds(work, args.report, args.seed or list(SEEDS))
     started, report, faults = time.monotonic(), {}, []
     for scenario in SCENARIOS:
         if args.only and scenario.name not in args.only:

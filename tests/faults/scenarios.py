@@ -12,7 +12,7 @@ import torch
 from click.testing import CliRunner
 from forks import forked
 from lab import made_up
-from synthetic import HANDS, write_dataset
+from synthetic import write_dataset
 
 from aminn.calibration.store import read_calibration
 from aminn.data.dataset import load_dataset
@@ -83,7 +83,7 @@ def _calibration(top: Path) -> object:
     header = top / "theta.h"
     if not header.is_file():
         raise AminnError(f"{header}: is missing")
-    theta = read_calibration(top / "theta.json", HANDS["reference"])
+    theta = read_calibration(top / "theta.json", load_checkpoint(top.parent / "given" / "told").model.hand)
     return [header.read_text(), theta.tolist()]
 
 

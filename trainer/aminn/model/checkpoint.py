@@ -113,6 +113,8 @@ def _read_meta(file: Path) -> _Meta:
         found = meta["format_version"]
         raise OutdatedError(f"{file}: format_version {found}, this program reads {FORMAT_VERSION}; {ANEW}")
     require(file, meta, META_KEYS | {k: kind for k, kind in TRAINED_KEYS.items() if k in meta}, ANEW)
+    if meta["kind"] not in KINDS:
+        raise OutdatedError(f"{file}: kind is {meta['kind']!r}, expected {' or '.join(KINDS)}; {ANEW}")
     if not 0 <= meta["tau"] <= 1:
         raise OutdatedError(f"{file}: tau is {meta['tau']}, expected 0 to 1; {ANEW}")
     if "identity" in meta:
