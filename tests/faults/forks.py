@@ -42,15 +42,16 @@ def forked(work: Callable[[], object], limit_s: float = 60.0, memory: int = 0) -
         os.close(reads)
         status, value = 0, None
         try:
-            os.setpgid(0, 0)
             if memory:
                 _limit(memory)
             value = work()
         except BaseException:
             status, value = 99, traceback.format_exc()
-        with open(writes, "w", encoding="utf-8") as pipe:
-            json.dump(value, pipe)
-        os._exit(status)
+        try:
+            with open(writes, "w", encoding="utf-8") as pipe:
+                json.dump(value, pipe)
+        finally:
+            os._exit(status)
     os.close(writes)
     text, until = b"", started + limit_s
     while True:

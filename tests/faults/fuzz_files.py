@@ -94,7 +94,7 @@ def one_case(target: Target, files: Sequence[Path], wholes: Sequence[bytes], num
     mutator = rng.choice(target.mutators)
     try:
         content = mutator(rng, whole)
-    except (OSError, ValueError, KeyError, RuntimeError, TypeError, OverflowError):  # what cannot be changed so
+    except (OSError, ValueError, KeyError, RuntimeError, TypeError, OverflowError, MemoryError):  # not so
         content = flipped(rng, whole)
     if rng.random() < 0.5:
         try:
