@@ -129,7 +129,7 @@ def _reaching(
             for c in branch.couplings:
                 ratio = np.array(c.ratio)
                 free = free - free @ np.outer(ratio, ratio) @ free / max(float(ratio @ free @ ratio), 1e-12)
-            J = R[:, 1:].T @ branch.jacobian(q[at], branch.moved(q[at], np.array(branch.tip_point_m))) @ free
+            J = R[:, 1:].T @ branch.jacobian(q[at]) @ free
             step = free @ J.T @ np.linalg.solve(J @ J.T + 1e-6 * np.eye(2), missing[b])
             q[at] = q[at] + step * min(1.0, 0.1 / max(float(np.abs(step).max()), 1e-9))
         q = hand.coupled(np.clip(q, *limits))

@@ -135,20 +135,22 @@ class Branch:
 
         The motion is R (..., 3, 3), p (..., 3): a point x that the tip holds at q = 0 is at R x + p. All in H.
         """
-        turn, origin, axes, anchors = np.eye(3), np.zeros(3), [], []
+        turn, origin, (axes, anchors) = np.eye(3), np.zeros(3), np.empty((2, *q.shape, 3))
         for c, coordinate in enumerate(self.coordinates):
-            axes.append(turn @ coordinate.axis)
-            anchors.append(origin + turn @ coordinate.anchor_m)
-            step = rotation(axes[-1] * q[..., c, None])
-            origin, turn = anchors[-1] + times(step, origin - anchors[-1]), step @ turn
-        shape = (*q.shape[:-1], 3)
-        axes, anchors = ([np.broadcast_to(v, shape) for v in vectors] for vectors in (axes, anchors))
-        return np.stack(axes, -2), np.stack(anchors, -2), turn, origin
+            axes[..., c, :] = turn @ coordinate.axis
+            anchors[..., c, :] = anchor = origin + turn @ coordinate.anchor_m
+            step = rotation(axes[..., c, :] * q[..., c, None])
+            origin, turn = anchor + times(step, origin - anchor), step @ turn
+        return axes, anchors, turn, origin
 
-    def jacobian(self, q: Array, point: Array) -> Array:
-        """B_b (..., 3, C), m/rad: velocity of a point (..., 3), H, that the tip holds, at branch angles q (..., C)."""
-        axes, anchors, _, _ = self.pose(q)
-        return np.cross(axes, point[..., None, :] - anchors).swapaxes(-1, -2)
+    def jacobian(self, q: Array, point: Array | None = None) -> Array:
+        """B_b (..., 3, C), m/rad: velocity of a point (..., 3), H, that the tip holds, at branch angles q (..., C).
+
+        Without a point that of the pad point.
+        """
+        axes, anchors, turn, origin = self.pose(q)
+        at = origin + times(turn, np.array(self.tip_point_m)) if point is None else point
+        return np.cross(axes, at[..., None, :] - anchors).swapaxes(-1, -2)
 
     def moved(self, q: Array, point: Array) -> Array:
         """Where a point (..., 3), H, that the tip holds at q = 0 is at branch angles q (..., C)."""
@@ -159,9 +161,10 @@ class Branch:
 def rotation(turn: Array) -> Array:
     """Rotation matrices (..., 3, 3) of rotation vectors (..., 3)."""
     angle = np.linalg.norm(turn, axis=-1, keepdims=True)
-    x, y, z = np.moveaxis(turn / np.where(angle > 0, angle, 1.0), -1, 0)
-    zero, angle = np.zeros_like(x), angle[..., None]
-    k = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], -1).reshape(*x.shape, 3, 3)
+    unit, angle = turn / np.where(angle > 0, angle, 1.0), angle[..., None]
+    k = np.zeros((*turn.shape, 3))
+    for a, b, c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        k[..., c, b], k[..., b, c] = unit[..., a], -unit[..., a]
     return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * (k @ k)
 
 
