@@ -67,13 +67,15 @@ demo: setup-python setup-host setup-arm ## the whole path: simulate, train, comp
 	@$(PYTHON) -m aminn_app.demo --build $(BUILD)
 
 .PHONY: test
-test: setup-python setup-view setup-host-tests setup-arm $(STAMPS)/apt-fuzz $(STAMPS)/apt-sim $(STAMPS)/apt-wasm ## lint, C tests, Python tests, and the golden vectors on the emulated Cortex-M7
+test: ## lint, C tests, Python tests, and the golden vectors on the emulated Cortex-M7
+	@$(MAKE) --no-print-directory --jobs=2 setup-test
 	@$(MAKE) --no-print-directory lint
 	@mkdir -p $(BUILD)/test
 	@ctest --test-dir $(HOST) --output-on-failure --no-tests=error --parallel $(JOBS) \
 	  --output-junit ../test/ctest.xml
-	@AMINN_TRUST_REPORT=$(REPORTS)/trust.json AMINN_PEOPLE_REPORT=$(REPORTS)/people.json \
-	  $(PYTHON) -m pytest -q --junit-xml=$(BUILD)/test/pytest.xml
+	@OMP_NUM_THREADS=1 AMINN_TRUST_REPORT=$(REPORTS)/trust.json AMINN_PEOPLE_REPORT=$(REPORTS)/people.json \
+	  $(PYTHON) -m pytest -q --numprocesses $(JOBS) --dist loadfile --no-loadscope-reorder \
+	  --junit-xml=$(BUILD)/test/pytest.xml
 	@$(MAKE) --no-print-directory firmware
 	@$(PYTHON) tools/setup/test_report.py $(REPORTS)/test.json c=$(BUILD)/test/ctest.xml python=$(BUILD)/test/pytest.xml
 	@echo "All tests passed. Counts: $(REPORTS)/test.json, details: $(BUILD)/test/, firmware: $(REPORTS)/firmware.json"
@@ -333,9 +335,10 @@ clean: ## remove build/ (data, models and reports too; .venv stays)
 	rm -rf $(BUILD)
 
 # --- set-up ---------------------------------------------------------------------------------------------------------
-.PHONY: setup setup-host setup-host-tests setup-firmware setup-arm setup-python setup-view
+.PHONY: setup setup-test setup-host setup-host-tests setup-firmware setup-arm setup-python setup-view
 setup: setup-host-tests setup-firmware setup-python setup-view ## packages, .venv and compiled parts for all of these, and nothing else
 	@echo "Ready: $(VENV)/bin/aminn, $(HOST), $(FIRMWARE); packages and builds are not repeated"
+setup-test: setup-python setup-view setup-host-tests setup-arm $(STAMPS)/apt-fuzz $(STAMPS)/apt-sim $(STAMPS)/apt-wasm
 setup-host: $(STAMPS)/host
 setup-host-tests: $(STAMPS)/host-tests
 setup-arm: $(STAMPS)/apt-arm

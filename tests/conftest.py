@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
 from aminn_base.files import write_json
 from aminn_base.read import read_json
+
+if TYPE_CHECKING:
+    from xdist.workermanage import WorkerController
 
 Figures = dict[str, float | int | str | bool]
 _reports = pytest.StashKey[dict[str, Figures]]()
@@ -39,9 +44,26 @@ def people(request: pytest.FixtureRequest) -> Figures:
     return _figures(request.config, "people")
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Begin with what takes longest, so that workers end together."""
+    items.sort(key=lambda item: item.get_closest_marker("long") is None)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node: WorkerController, error: object) -> None:
+    """Add what a worker of pytest-xdist found; what several of them count is added up."""
+    for name, found in json.loads(getattr(node, "workeroutput", {}).get("figures", "{}")).items():
+        figures = _figures(node.config, name)
+        figures.update({key: figures[key] + value if key in figures else value for key, value in found.items()})
+
+
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Write each report where AMINN_TRUST_REPORT or AMINN_PEOPLE_REPORT names a file."""
-    for name, figures in session.config.stash.get(_reports, {}).items():
+    """Write each report where AMINN_TRUST_REPORT or AMINN_PEOPLE_REPORT names a file; a worker sends its part."""
+    reports = session.config.stash.get(_reports, {})
+    if hasattr(session.config, "workeroutput"):
+        session.config.workeroutput["figures"] = json.dumps(reports)
+        return
+    for name, figures in reports.items():
         if report := os.environ.get(f"AMINN_{name.upper()}_REPORT"):
             before = {"aims_missed": ""}
             if name == "people" and Path(report).is_file():

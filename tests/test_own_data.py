@@ -11,6 +11,8 @@ from followed import ROOT, commands, files, make_place
 
 from aminn_table.columns import markdown
 
+pytestmark = pytest.mark.long
+
 PAGE = (ROOT / "docs" / "own-data.md").read_text()
 START, END = "<!-- table: columns -->\n", "\n<!-- end of table -->"
 

@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 from followed import ROOT, commands, files, make_place
 
+pytestmark = pytest.mark.long
+
 PAGE = (ROOT / "docs" / "your-hand.md").read_text()
 WALK = PAGE.split("## From a model to a replayed C model")[1].split("\n## ")[0]
 

@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from option_sets import FOUND, MISSING, OPTION_SETS, REFUSED, SAME, outcomes
 
+pytestmark = pytest.mark.long
+
 JOBS = 2
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from wheelhouse import GOLDEN, PACKAGES, ROOT, borrowing, build, checked, install, run
 
+pytestmark = pytest.mark.long
 QUICKLY = ("AMINN_SIM=OFF", "AMINN_RT_DISPATCH=OFF", "CMAKE_CXX_FLAGS_RELEASE=-O1")
 
 

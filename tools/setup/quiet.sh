@@ -6,7 +6,7 @@ log=$1
 shift
 mkdir -p "$(dirname "$log")"
 exec 9>>"$(dirname "$log")/.lock"
-flock --nonblock 9 || { echo "Another make builds in this tree; waiting for it" >&2; flock 9; }
+flock --nonblock 9 || { echo "Another build runs in this tree; waiting for it" >&2; flock 9; }
 "$@" >"$log" 2>&1 </dev/null 9>&- && exit 0
 status=$?
 tail -n 60 "$log" >&2
