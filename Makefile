@@ -294,7 +294,7 @@ pages: setup-python setup-view $(STAMPS)/browser ## report, card, gallery, runs 
 	@PYTHONPATH=$(BUILD)/browser $(PYTHON) tests/pages/browser.py --work $(BUILD)/pages --report $(REPORTS)/pages.json
 
 .PHONY: people
-people: setup-python setup-host setup-arm setup-view $(STAMPS)/apt-fuzz $(STAMPS)/apt-sim ## docs/start.md to the letter from a fresh clone, timed; the README's commands; package forms, examples, snippets
+people: setup-python setup-host setup-arm setup-view $(STAMPS)/apt-fuzz $(STAMPS)/apt-sim $(STAMPS)/apt-wasm ## docs/start.md to the letter from a fresh clone, timed; the README's commands; package forms, examples, snippets
 	@AMINN_PEOPLE_REPORT=$(REPORTS)/people.json $(PYTHON) -m pytest -q tests/people tests/packaging tests/examples tests/wheel \
 	  tests/runtime/test_bare_targets.py tests/runtime/test_zephyr.py \
 	  $(addprefix tests/test_,docs.py own_data.py python_page.py readme.py runtime_page.py your_hand.py)
