@@ -124,13 +124,16 @@ resume: setup-python ## training killed at random steps (20 times a model), resu
 .PHONY: golden
 golden: demo ## all of tests/golden, made again: the demo's model, and the small models (when the model or its format changes)
 	@cp $(BUILD)/demo/export/* tests/golden/
+	@rm tests/golden/aminn_hand.h # runtime/include has it
 	@$(PYTHON) tests/runtime/make_golden.py
 	@$(PYTHON) tests/runtime/make_pushes.py
 	@echo "Reference models: tests/golden"
 
 .PHONY: bench
-bench: setup-python setup-host $(STAMPS)/apt-bench ## time of a prediction beside its own matrix products and ONNX Runtime; batches on two cores
+bench: setup-python setup-host $(STAMPS)/apt-bench ## time of a prediction beside its own matrix products, ONNX Runtime, IREE and XLA; batches on two cores
 	@$(PYTHON) -m aminn_export.judge.bench --model tests/golden --build $(HOST) --json $(REPORTS)/bench.json
+	@$(PYTHON) tests/consumers/run.py --model tests/golden --work $(BUILD)/consumers --report $(REPORTS)/compilers.json \
+	  --only iree --only xla -- $(PIP_ARGS)
 
 .PHONY: fidelity
 fidelity: setup-python setup-host setup-arm $(STAMPS)/apt-cross $(STAMPS)/apt-fuzz $(STAMPS)/apt-wasm ## errors to float64 beside ONNX Runtime's; the bits of all targets

@@ -18,20 +18,20 @@ import click
 import numpy as np
 from hands import made_up, random_model, random_states
 
-from aminn_app.study import WIDTHS
+from aminn_app.study import BASE, WIDTHS
 from aminn_base.files import write_atomically, write_json
 from aminn_base.program import Messages
-from aminn_base.run import run_program
 from aminn_export.export import write_model_files
 from aminn_export.files.bin_model import model_crc
-from aminn_export.judge.cost import ROOT, ROUNDS, Subject, on_cortex_m7, timed_program
+from aminn_export.judge.cost import ROOT, Subject, on_cortex_m7, time_of, timed_program
 from aminn_export.samples.golden import GOLDEN_FILE
 from aminn_export.samples.reference import Reference
 from aminn_export.samples.vectors import write_vectors
 from aminn_hand.hand import OUTPUTS
 
 BRANCHES = (2, 3, 4, 5)
-USUAL_BRANCHES, USUAL_WIDTHS = 3, WIDTHS[0]
+USUAL_BRANCHES = 3
+USUAL_WIDTHS = (BASE.model.width, BASE.model.contact_width, BASE.model.classifier_width)
 SAMPLES, TURNS = 48, 7
 COSTS = ("instructions", "us")
 LIMITS = {"branches": 1.0, "width": 2.0}
@@ -74,8 +74,7 @@ def growth(work: Path) -> Figures:
     times: dict[str, list[float]] = {name: [] for name in programs}
     for _ in range(TURNS):
         for name, program in programs.items():
-            command = [program, work / name / "states.bin", str(ROUNDS)]
-            times[name].append(float(run_program(command, "aminn_time")))
+            times[name].append(time_of(program, work / name / "states.bin"))
     figures |= {f"{name}_us": statistics.median(values) for name, values in times.items()}
     for cost in COSTS:
         of_branches = [float(figures[f"{b}_branches_{cost}"]) for b in BRANCHES]

@@ -26,7 +26,7 @@ from aminn_base.files import check_outputs, write_atomically, write_json
 from aminn_base.program import Messages
 from aminn_base.run import run_program
 
-from ..files.bin_model import BinModel, read_bin_model, write_bin_model
+from ..files.bin_model import BinModel, bin_model_bytes, read_bin_model, write_bin_model
 from ..files.c_model import write_c_model
 from ..files.hand_header import header_beside, write_hand_header
 from ..files.layout import WEIGHT_CODES, tensor_name, tensor_order
@@ -50,11 +50,23 @@ LIMITS = {
     "stuck_avx2_us_ratio": 0.55,
     "sliding_to_stuck_instructions": 1.3,
     "sliding_context_and_stack_bytes": 5000,
-    "sliding_model_float32_bytes": 40_000,
-    "sliding_model_float16_bytes": 22_000,
-    "sliding_model_int8_bytes": 14_000,
+    "stuck_model_float32_bytes": 40_000,
+    "stuck_model_float16_bytes": 22_000,
+    "stuck_model_int8_bytes": 14_000,
+    "labels_wall_to_system": 0.62,
+    "step_ratio": 2.0,
+    "runtime_to_compiler_ratio": 0.1,
 }
 """At most."""
+LEAST = {"batch_runtime_to_onnx_ratio": 10.0}
+"""At least."""
+OF_OTHERS = {
+    "labels.json": {"labels_wall_to_system": "labels_wall_to_system"},
+    "step.json": {"ratio": "step_ratio", "paper_layer_ratio": "step_paper_layer_ratio"},
+    "bench.json": {name: name for name in ("batch_runtime_to_onnx_ratio", "runtime_to_floor_ratio")},
+    "compilers.json": {"runtime_to_compiler_ratio": "runtime_to_compiler_ratio"},
+}
+"""Figures of other reports (`make labels step bench`) that belong here, and what they are called here."""
 
 
 @dataclass(frozen=True)
@@ -166,17 +178,27 @@ def timed_program(subject: Subject, isa: str, work: Path) -> Path:
     return program
 
 
+def write_states(subject: Subject, file: Path) -> None:
+    """The states of the subject's vectors as `aminn_time` reads them."""
+    inputs = read_vectors(subject.vectors).inputs
+    numbers = [inputs[name].reshape(len(inputs["q"]), -1) for name in dims_of(_model(subject)).inputs]
+    write_atomically(file, np.concatenate(numbers, axis=1).astype("<f4").tobytes())
+
+
+def time_of(program: Path, states: Path) -> float:
+    """Median time of a prediction, microseconds."""
+    return float(run_program([program, states, str(ROUNDS)], "aminn_time"))
+
+
 def on_this_machine(found: list[Subject], isa: str, work: Path, turns: int) -> Report:
     """Median time of a prediction, microseconds, of each subject; the programs run in turns."""
     states = work / "states.bin"
-    inputs = read_vectors(found[1].vectors).inputs
-    numbers = [inputs[name].reshape(len(inputs["q"]), -1) for name in dims_of(_model(found[1])).inputs]
-    write_atomically(states, np.concatenate(numbers, axis=1).astype("<f4").tobytes())
+    write_states(found[1], states)
     programs = {subject.name: timed_program(subject, isa, work) for subject in found}
     times: dict[str, list[float]] = {name: [] for name in programs}
     for _ in range(turns):
         for name, program in programs.items():
-            times[name].append(float(run_program([program, states, str(ROUNDS)], "aminn_time")))
+            times[name].append(time_of(program, states))
     return {f"{name}_{isa}_us": statistics.median(values) for name, values in times.items()}
 
 
@@ -184,13 +206,13 @@ def _model(subject: Subject) -> BinModel:
     return read_bin_model(subject.model_dir / f"{model_prefix(subject.model_dir)}.bin")
 
 
-def flash(model: BinModel, work: Path) -> Report:
-    """Bytes of the reference model in each way that weights are stored."""
+def flash(subject: Subject) -> Report:
+    """Bytes of the subject's model in each way that weights are stored."""
+    model = _model(subject)
     sizes: Report = {}
     for weights in WEIGHT_CODES:
-        file = work / f"{weights}.bin"
-        write_bin_model(ROUNDED[weights](model) if weights in ROUNDED else model, file)
-        sizes[f"sliding_model_{weights}_bytes"] = file.stat().st_size
+        stored = ROUNDED[weights](model) if weights in ROUNDED else model
+        sizes[f"{subject.name}_model_{weights}_bytes"] = len(bin_model_bytes(stored))
     return sizes
 
 
@@ -204,23 +226,38 @@ def judged(report: Report) -> Report:
     both = float(report["sliding_instructions"]) / float(report["stuck_instructions"])
     report = report | ratios | {"sliding_to_stuck_instructions": both}
     missed = [name for name, limit in LIMITS.items() if name in report and not float(report[name]) <= limit]
+    missed += [name for name, limit in LEAST.items() if name in report and not float(report[name]) >= limit]
     return report | {"aims_missed": ", ".join(missed)}
 
 
-def cost(model_dir: Path, commit: str = BASE, turns: int = TURNS) -> Report:
-    """All figures. Raises AminnError where the commit is not there or a program fails."""
+def gathered(reports: Path) -> Report:
+    """What other targets measured of cost and left in a folder; `not_measured` names what is not there."""
+    found: Report = {}
+    for file, names in OF_OTHERS.items():
+        report = json.loads((reports / file).read_text()) if (reports / file).is_file() else {}
+        found |= {mine: report[name] for name, mine in names.items() if name in report}
+    wanted = [mine for names in OF_OTHERS.values() for mine in names.values()]
+    return found | {"not_measured": ", ".join(name for name in wanted if name not in found)}
+
+
+def cost(model_dir: Path, reports: Path, commit: str = BASE, turns: int = TURNS) -> Report:
+    """All figures, with those of other reports in a folder.
+
+    Raises AminnError where the commit is not there or a program fails.
+    """
     name, registers = this_cpu()
     isas = [isa for isa in RUNTIME_FLAGS if isa != "avx512" or registers == AVX512]
     with tempfile.TemporaryDirectory(prefix="aminn-cost-") as folder:
         work = Path(folder)
         with work_tree(commit, work / "base") as base:
             found = subjects(base, model_dir.resolve(), work)
-            report: Report = {"base_commit": commit, "cpu": name}
+            report: Report = {"base_commit": commit, "cpu": name, **gathered(reports)}
             for subject in found:
                 report |= on_cortex_m7(subject, work)
             for isa in isas:
                 report |= on_this_machine(found, isa, work, turns)
-            report |= flash(_model(found[1]), work)
+            for subject in found[1:]:
+                report |= flash(subject)
     return judged(report)
 
 
@@ -233,7 +270,7 @@ def main(model_dir: Path | None, commit: str, turns: int, json_file: Path) -> No
     """Measure what a prediction costs, in turns with an earlier commit."""
     model_dir = model_dir or ROOT / "tests" / "golden"
     check_outputs([json_file], [model_dir])
-    report = cost(model_dir, commit, turns)
+    report = cost(model_dir, json_file.parent, commit, turns)
     before = json.loads(json_file.read_text()) if json_file.is_file() else {}
     write_json(json_file, before | report)  # what others measured stays
     for key, value in report.items():
