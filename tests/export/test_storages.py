@@ -37,6 +37,6 @@ def test_types_of_weights_are_compared_and_other_bits_are_told(tmp_path: Path, m
     assert result.exit_code == 1 and "the targets' bit patterns differ" in result.output
     assert figures["int8_different_results"] == 2 and figures["float32_different_results"] == 1
     assert figures["float16_cortex_m7_instructions"] == 1002
-    assert figures["int8_bin_bytes"] < 0.6 * figures["float16_bin_bytes"] < 0.4 * figures["float32_bin_bytes"]
+    assert figures["int8_bin_bytes"] < 0.7 * figures["float16_bin_bytes"] < 0.4 * figures["float32_bin_bytes"]
     assert 0 < figures["float16_dx_relative_median"] < 0.1 * figures["int8_dx_relative_median"] < 1e-3
     assert seen["float32"] == 0 and seen["int8"] == 11

@@ -64,7 +64,8 @@ def test_variants_of_a_study_differ_and_share_the_rest() -> None:
     assert len({job.name for job in jobs}) == len(jobs) == 3 * len(study.VARIANTS) + learning
     first = {job.variant: job.config for job in jobs[: len(study.VARIANTS)]}
     assert first["aminn"] == replace(study.BASE, seed=0) and first["aminn"].model.friction == "secant"
-    assert first["mlp"] == replace(first["aminn"], kind="mlp", weight_decay=study.BASELINE.weight_decay)
+    assert replace(first["mlp"], model=first["aminn"].model) == replace(first["aminn"], kind="mlp", weight_decay=0.0)
+    assert first["mlp"].model.width > first["aminn"].model.width
     assert first["paper_layer"].model == replace(first["aminn"].model, friction="none")
     assert {model for pair in study.PAIRS for model in pair} == set(study.VARIANTS)
 

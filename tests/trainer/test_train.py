@@ -276,7 +276,7 @@ def test_weights_of_another_architecture_are_refused(runs: dict[str, Checkpoint]
     meta = json.loads((runs["aminn"].path / META).read_text())
     meta["model"]["width"] = 48
     write_json(tmp_path / META, meta)
-    with pytest.raises(AminnError, match=r"has shape \(64, 71\), the configuration asks for \(48, 71\)"):
+    with pytest.raises(AminnError, match=r"has shape \(32, 55\), the configuration asks for \(48, 55\)"):
         load_checkpoint(tmp_path)
 
 

@@ -62,7 +62,8 @@ def test_outputs_have_the_shapes_of_the_hand(made: Made) -> None:
     shapes = dims.outputs | {f"s{k}_{n}": shape for k in (1, 2) for n, shape in dims.debug.items()}
     assert {n: tuple(v.shape) for n, v in out.items()} == {n: (5, *s) for n, s in shapes.items()}
     gated = torch.tensor([b.gated_tendon is not None for b in HANDS[name].branches])
-    assert ((out["gate"] > 0) == gated).all() and ((x["w_e"] * out["dx_ht"]).sum(1) > 0).all()
+    assert (out["gate"][:, ~gated] == 0).all() and ((x["w_e"] * out["dx_ht"]).sum(1) > 0).all()
+    assert (out["gate"][:, gated] > 0).any() == gated.any()  # a shut one may be too small for a float32
 
 
 def test_evaluation_and_its_parts(made: Made) -> None:

@@ -90,11 +90,11 @@ def _wrench_scale(value: tuple[float, ...]) -> tuple[float, ...]:
 class ModelConfig:
     """Sizes and constants of a cascade."""
 
-    contact_width: Width = 32
+    contact_width: Width = 16
     """Width of the contact summary."""
-    width: Width = 64
+    width: Width = 32
     """Width of the trunk."""
-    classifier_width: Width = 32
+    classifier_width: Width = 16
     """Width of the hidden layer of stage 1's classifier."""
     heads: Literal["correction", "free"] = "correction"
     """Zero head outputs give the hand's nominal springs and tendons, or ("free") the same springs for every hand."""
@@ -186,7 +186,7 @@ class TrainConfig:
     """Samples a step."""
     learning_rate: Scale = 8e-3
     """Peak of the schedule: linear warm-up over the first 5 % of the steps, then a cosine to zero."""
-    weight_decay: Weight = 0.5
+    weight_decay: Weight = 0.1
     """AdamW's."""
     gradient_clip: Scale = 1.0
     """Largest norm of a step's gradient."""
