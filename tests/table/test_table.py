@@ -57,6 +57,15 @@ def test_hdf5_arrays_without_names_are_found_by_their_place(lab_hand: Hand, push
     assert all(np.array_equal(read[name], values) for name, values in pushes.items())
 
 
+def test_texts_in_two_dimensions_of_hdf5_are_named(lab_hand: Hand, pushes: Arrays, tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "pushes.h5", "w") as file:
+        for name, values in pushes.items():
+            file[name] = values
+        file["notes"] = np.array([["a", "b"]] * len(pushes["q"]), "S1")
+    with pytest.raises(AminnError, match="notes holds texts in 2 dimensions, expected one text per row"):
+        read_table(tmp_path / "pushes.h5", lab_hand, LABELLED)
+
+
 def test_spreadsheets_of_other_countries_and_programs(lab_hand: Hand, pushes: Arrays, tmp_path: Path) -> None:
     """Byte-order mark, semicolons, CRLF, empty last lines, True and False."""
     file = tmp_path / "pushes.csv"

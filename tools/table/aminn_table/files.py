@@ -205,6 +205,8 @@ def _read_hdf5(path: str, content: bytes) -> Raw:
     columns: dict[str, NDArray] = {}
     for name, values in arrays.items():
         if h5py.check_string_dtype(values.dtype):
+            if values.ndim != 1:
+                raise AminnError(f"{path}: {name} holds texts in {values.ndim} dimensions, expected one text per row")
             columns[name] = np.array([v.decode(errors="replace") for v in values], object)
             continue
         own = None if names[name] is None else [str(n) for n in np.ravel(names[name])]
