@@ -10,6 +10,7 @@ import pytest
 import torch
 from runtime_models import random_inputs, random_sensors
 from synthetic import HANDS, draw_inputs, draw_wrench, hand
+from untrained import WIDE
 
 from aminn.model.checkpoint import load_checkpoint, save_checkpoint
 from aminn.model.config import MechanicsConfig
@@ -20,8 +21,6 @@ from aminn_hand import Hand
 from aminn_hand.hand import ContactModel
 
 SOFT = ContactModel("soft_finger", 0.003)
-WIDE = ModelConfig(width=64, contact_width=32, classifier_width=32)
-"""Whose random heads leave no grasp to eps_Kx alone: there two ways through float64 agree to three digits."""
 MADE_UP = HANDS | {f"soft {name}": replace(HANDS[name], contact=SOFT) for name in ("gripper 2x2", "4x3+4")}
 
 

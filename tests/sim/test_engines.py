@@ -156,11 +156,11 @@ def test_interrupted_ray_simulation_goes_on(dataset_dir: Path, tmp_path: Path) -
     starter += "sys.argv = sys.argv[1:]; runpy.run_module('aminn_app.cli', run_name='__main__')"
     with log.open("w") as stderr:
         process = subprocess.Popen([sys.executable, "-c", starter, *words[1:]], stderr=stderr, start_new_session=True)
-        deadline = time.monotonic() + 300
+        deadline = time.monotonic() + 90
         while not list(folder.glob("*.h5")) and time.monotonic() < deadline:
             time.sleep(0.02)
         os.killpg(process.pid, signal.SIGINT)  # as a terminal does: the whole group
-        assert process.wait(timeout=300) == 130
+        assert process.wait(timeout=60) == 130
     assert "interrupted; the same command continues" in log.read_text() and "Traceback" not in log.read_text()
     names = sorted(p.name for p in folder.iterdir() if p.name != UNFINISHED)
     assert names and all(n.endswith(".h5") for n in names) and len(names) < 100

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,10 @@ def made_up_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+WIDE = ModelConfig(width=64, contact_width=32, classifier_width=32)
+"""Widths at which weights are most of a model's bytes, and random heads leave no grasp to eps_Kx alone."""
+
+
 def untrained_run(folder: Path, data_dir: Path, kind: str = "aminn", **config: bool) -> Path:
     """A run of the data's hand in `folder`; `config` are settings of the model."""
     data = load_dataset(data_dir)
@@ -28,6 +33,6 @@ def untrained_run(folder: Path, data_dir: Path, kind: str = "aminn", **config: b
     meta = {"tau": 0.5173, "identity": identity, "data": {}, "data_config_sha256": data.manifest["config_sha256"]}
     with torch.random.fork_rng():
         torch.manual_seed(0)
-        model = build_model(kind, ModelConfig(**config), data.hand)
+        model = build_model(kind, replace(WIDE, **config), data.hand)
     save_checkpoint(folder, model, meta)
     return folder
