@@ -19,7 +19,7 @@ from aminn.data.sensors import draw
 from aminn.model.checkpoint import Checkpoint, build_model
 from aminn.model.config import ModelConfig, TrainConfig
 from aminn.training.device import device_of
-from aminn.training.train import _Loop, _select, _stages, as_seen, mirror_of, model_config
+from aminn.training.train import _Loop, _select, _stages, as_seen, mirror_of, model_config, train
 from aminn_app.cli import main
 from aminn_app.study import main as study
 from aminn_base.errors import AminnError
@@ -88,12 +88,12 @@ def test_what_is_said_without_a_gpu(data_dir: Path, tmp_path: Path, monkeypatch:
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.skipif(not torch.cuda.is_available(), reason="needs an NVIDIA GPU and a CUDA build of PyTorch")
-def test_a_gpu_trains_what_the_cpu_trains(data_dir: Path, runs: dict[str, Checkpoint], tmp_path: Path) -> None:
-    from aminn.training.train import train
-
-    found = train(TrainConfig(epochs=15), load_dataset(data_dir), tmp_path / "run", device="cuda")
-    assert found.meta["device"].startswith("cuda (")
+@pytest.mark.parametrize("device", ["cpu", "cuda"] if torch.cuda.is_available() else ["cpu"])
+def test_each_device_here_trains_what_the_cpu_trains(
+    device: str, data_dir: Path, runs: dict[str, Checkpoint], tmp_path: Path
+) -> None:
+    found = train(TrainConfig(epochs=15), load_dataset(data_dir), tmp_path / "run", device=device)
+    assert found.meta["device"].startswith("cuda (" if device == "cuda" else "cpu")
     for stage, curves in runs["aminn"].meta["history"].items():
         other = found.meta["history"][stage]
         np.testing.assert_allclose(other["train"][0], curves["train"][0], rtol=1e-2)
