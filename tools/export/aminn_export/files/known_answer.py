@@ -32,6 +32,8 @@ REFERENCE_GRASP = (
     *(1.0, -0.022, 0.012, 0.088, 0.0, -1.0, 0.0, 3.0),
     *(1.0, 0.001, -0.012, 0.09, 0.0, 1.0, 0.0, 6.0),
 )
+CERTAIN = 0.9
+"""A p_stable that hardly moves with what it comes from."""
 _GATE_AT = 1 + N_WRENCH + N_WRENCH * N_WRENCH
 _BENT_RAD, _REACH_M, _PRESS_N = 0.2, 0.03, 3.0
 
@@ -90,7 +92,10 @@ def answered(exported: Exported) -> tuple[Layout, KnownAnswer]:
 
 
 def informative_state(exported: Exported, dataset: Dataset) -> list[float]:
-    """The stable training sample whose bits say most: predicted to hold, p_stable and gates far from 0 and 1."""
+    """The stable training sample whose bits say most: predicted to hold, p_stable and gates far from 0 and 1.
+
+    Where there are some, of those whose p_stable is below CERTAIN.
+    """
     samples = dataset.samples
     rows = np.flatnonzero((split_of(samples["grasp_id"]) == SPLITS.index("train")) & (samples["stable"] > 0))
     if not len(rows):
@@ -101,6 +106,7 @@ def informative_state(exported: Exported, dataset: Dataset) -> list[float]:
     outputs, _, status = _run(layout, states)
     numbers = outputs.view(np.float32).astype(np.float64)
     score = holds(numbers[:, 0], exported.meta["tau"]).astype(np.float64)
+    score += score * (numbers[:, 0] < CERTAIN)
     gates = numbers[:, _GATE_AT : _GATE_AT + layout.dims.branches].T if layout.dims.gates else ()
     score += np.prod([share * (1 - share) for share in (numbers[:, 0], *gates)], 0)
     score[status != 0] = -1
