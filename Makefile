@@ -177,17 +177,17 @@ check: setup-python $(STAMPS)/unity $(STAMPS)/apt-check $(STAMPS)/apt-fuzz ## sa
 
 .PHONY: fuzz
 fuzz: $(STAMPS)/fuzz ## the library against arbitrary models, inputs, files, questions; with and without sanitizers (SECONDS=60)
-	@python3 tests/fuzz/run.py --build $(FUZZ) --seconds $(SECONDS) --jobs $(JOBS) --report $(REPORTS)/reliability/fuzz.json
+	@PYTHONPATH=tools/base python3 tests/fuzz/run.py --build $(FUZZ) --seconds $(SECONDS) --jobs $(JOBS) --report $(REPORTS)/reliability/fuzz.json
 	@echo "No crash. Report, of all runs so far: $(REPORTS)/reliability/fuzz.json"
 
 .PHONY: properties soak differential defects
 properties: setup-host-tests ## laws of statics on random models of all test hands, in C (CASES_EACH=100000 of each hand)
-	@python3 tests/reliability/figures.py --prefix properties_ --report $(REPORTS)/reliability/properties.json \
+	@PYTHONPATH=tools/base python3 tests/reliability/figures.py --prefix properties_ --report $(REPORTS)/reliability/properties.json \
 	  --each '$(HOST)/tests/runtime/test_hands_[0-9]*x?_*_gates*' -- --properties $(CASES_EACH)
 	@echo "No law is broken. Report: $(REPORTS)/reliability/properties.json"
 
 soak: setup-host-tests ## ten million predictions in one process: memory flat, every result the first one's bits (PREDICTIONS=)
-	@python3 tests/reliability/figures.py --report $(REPORTS)/reliability/soak.json -- \
+	@PYTHONPATH=tools/base python3 tests/reliability/figures.py --report $(REPORTS)/reliability/soak.json -- \
 	  $(HOST)/tests/runtime/aminn_soak $(PREDICTIONS) $(JOBS)
 	@echo "Report: $(REPORTS)/reliability/soak.json"
 

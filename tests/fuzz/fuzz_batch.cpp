@@ -152,20 +152,23 @@ void check_rows(const aminn_model_t &model, const aminn_batch_t &b, aminn_status
     FUZZ_CHECK(bad == first_bad && status == (bad == AMINN_NO_ROW ? AMINN_OK : statuses[bad]));
 }
 
+const Whole &plausible()
+{
+    static const Whole w = whole();
+    return w;
+}
+
 } // namespace
 
 extern "C" size_t LLVMFuzzerCustomMutator(uint8_t *data, size_t size, size_t max_size, unsigned int seed)
 {
-    static const Whole plausible = whole();
-    return mutate_numbers(data, size, max_size, seed, sizeof plausible.choices, &plausible, sizeof plausible);
+    return mutate_as(plausible(), data, size, max_size, seed);
 }
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
-    static const Whole plausible = whole();
     static Whole w;
-    w = plausible;
-    Bytes(data, size).take(w);
+    w = whole_of(plausible(), data, size);
     const uint8_t told = w.choices[1];
     if ((told & kRepair) != 0) {
         for (Row &row : w.rows) {

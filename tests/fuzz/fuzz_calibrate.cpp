@@ -103,20 +103,23 @@ void learn(const Whole &w, const aminn_model_t &model, const Push &push, const a
     check_prediction(ctx, model, push.before.w_e, predicted, out);
 }
 
+const Whole &plausible()
+{
+    static const Whole w = whole();
+    return w;
+}
+
 } // namespace
 
 extern "C" size_t LLVMFuzzerCustomMutator(uint8_t *data, size_t size, size_t max_size, unsigned int seed)
 {
-    static const Whole plausible = whole();
-    return mutate_numbers(data, size, max_size, seed, sizeof plausible.choices, &plausible, sizeof plausible);
+    return mutate_as(plausible(), data, size, max_size, seed);
 }
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
-    static const Whole plausible = whole();
     static Whole w;
-    w = plausible;
-    Bytes(data, size).take(w);
+    w = whole_of(plausible(), data, size);
     const uint8_t chosen = w.choices[0];
     if ((chosen & kRepair) != 0) {
         for (Push &push : w.pushes) {

@@ -73,19 +73,22 @@ void check_found(const aminn_model_t &model, const Whole &w)
     FUZZ_CHECK(found.admissible == 0 || is_admissible(out, w.limits, model.length_scale));
 }
 
+const Whole &plausible()
+{
+    static const Whole w = whole();
+    return w;
+}
+
 } // namespace
 
 extern "C" size_t LLVMFuzzerCustomMutator(uint8_t *data, size_t size, size_t max_size, unsigned int seed)
 {
-    static const Whole plausible = whole();
-    return mutate_numbers(data, size, max_size, seed, sizeof plausible.choices, &plausible, sizeof plausible);
+    return mutate_as(plausible(), data, size, max_size, seed);
 }
 
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
-    static const Whole plausible = whole();
-    Whole w = plausible;
-    Bytes(data, size).take(w);
+    Whole w = whole_of(plausible(), data, size);
     const uint8_t chosen = w.choices[0];
     if ((chosen & kRepair) != 0) {
         repair(w.state);

@@ -19,6 +19,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
+from aminn_base.files import write_json
+
 # bytes of the longest input: a model, or all that a target reads
 MAX_LEN = {"batch": 3868, "blob": 16500, "calibrate": 784, "load": 256, "predict": 645, "serial": 2048, "vectors": 4096}
 SHARES = {"fast": 0.75, "sanitized": 0.25}
@@ -90,14 +92,6 @@ def add(report: dict[str, int], campaign: Campaign, done: dict[str, int]) -> Non
     report[f"fuzz_{campaign.target}_corpus_files"] = done["corpus_files"]
 
 
-def write_whole(path: Path, report: dict[str, int]) -> None:
-    """JSON, all of it or none."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text(json.dumps(report, indent=2, sort_keys=True) + "\n")
-    os.replace(partial, path)
-
-
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument(
@@ -120,7 +114,7 @@ def main() -> int:
         with ThreadPoolExecutor(args.jobs) as pool:
             for campaign, done in zip(campaigns, pool.map(Campaign.run, campaigns), strict=True):
                 add(report, campaign, done)
-                write_whole(args.report, report)
+                write_json(args.report, report)
     print(f"{report['fuzz_last_run_executions']} executions in this run, {report['fuzz_executions']} in all")
     return int(report["fuzz_last_run_crashes"] > 0)
 

@@ -18,7 +18,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from figures import write_whole
+from aminn_base.files import write_json
 
 ROOT = Path(__file__).resolve().parents[2]
 RUNTIME = ROOT / "runtime"
@@ -437,10 +437,10 @@ def main() -> int:
             print(f"{campaign}, {defect.name}: {f'found after {n}' if found else f'NOT FOUND in {n}'}", flush=True)
             figures |= {f"defect_{defect.name}_found": int(found), f"defect_{defect.name}_after": n}
             wrong += not found
-            write_whole(args.report, figures)
+            write_json(args.report, figures)
     found_by = [v for name, v in figures.items() if name.startswith("defect_") and name.endswith("_found")]
     figures |= {"defects_runtime_seeds": len(found_by), "defects_runtime_seeds_found": sum(found_by)}
-    write_whole(args.report, figures)
+    write_json(args.report, figures)
     print(f"{sum(found_by)} of {len(found_by)} seeded defects found: {args.report}")
     return int(wrong > 0)
 

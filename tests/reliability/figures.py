@@ -15,13 +15,7 @@ import sys
 import time
 from pathlib import Path
 
-
-def write_whole(path: Path, figures: dict[str, float]) -> None:
-    """JSON, all of it or none."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".partial")
-    partial.write_text(json.dumps(figures, indent=2, sort_keys=True) + "\n")
-    os.replace(partial, path)
+from aminn_base.files import write_json
 
 
 def main() -> int:
@@ -50,7 +44,7 @@ def main() -> int:
         totals[f"{args.prefix}programs"] = len(programs)
         totals[f"{args.prefix}seconds"] = round(time.monotonic() - begun, 1)
     totals[f"{args.prefix or 'programs_'}failed"] = failed
-    write_whole(args.report, totals)
+    write_json(args.report, totals)
     print("\n".join(f"{name} {value}" for name, value in totals.items()))
     return int(failed > 0)
 
