@@ -6,7 +6,6 @@
 #include "aminn_model.h"
 #include "bytes.hpp"
 #include "checks.hpp"
-#include "numbers.hpp"
 #include "tiny_model.h"
 
 using namespace fuzz;
@@ -152,23 +151,8 @@ void check_rows(const aminn_model_t &model, const aminn_batch_t &b, aminn_status
     FUZZ_CHECK(bad == first_bad && status == (bad == AMINN_NO_ROW ? AMINN_OK : statuses[bad]));
 }
 
-const Whole &plausible()
+int try_one(Whole &w)
 {
-    static const Whole w = whole();
-    return w;
-}
-
-} // namespace
-
-extern "C" size_t LLVMFuzzerCustomMutator(uint8_t *data, size_t size, size_t max_size, unsigned int seed)
-{
-    return mutate_as(plausible(), data, size, max_size, seed);
-}
-
-extern "C" int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
-{
-    static Whole w;
-    w = whole_of(plausible(), data, size);
     const uint8_t told = w.choices[1];
     if ((told & kRepair) != 0) {
         for (Row &row : w.rows) {
@@ -190,3 +174,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     check_rows(model, batch, status, bad);
     return 0;
 }
+
+} // namespace
+
+#include "numbers_target.hpp" // last

@@ -5,7 +5,6 @@
 #include "aminn_model.h"
 #include "bytes.hpp"
 #include "checks.hpp"
-#include "numbers.hpp"
 #include "tiny_model.h"
 
 using namespace fuzz;
@@ -103,23 +102,8 @@ void learn(const Whole &w, const aminn_model_t &model, const Push &push, const a
     check_prediction(ctx, model, push.before.w_e, predicted, out);
 }
 
-const Whole &plausible()
+int try_one(Whole &w)
 {
-    static const Whole w = whole();
-    return w;
-}
-
-} // namespace
-
-extern "C" size_t LLVMFuzzerCustomMutator(uint8_t *data, size_t size, size_t max_size, unsigned int seed)
-{
-    return mutate_as(plausible(), data, size, max_size, seed);
-}
-
-extern "C" int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
-{
-    static Whole w;
-    w = whole_of(plausible(), data, size);
     const uint8_t chosen = w.choices[0];
     if ((chosen & kRepair) != 0) {
         for (Push &push : w.pushes) {
@@ -147,3 +131,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     }
     return 0;
 }
+
+} // namespace
+
+#include "numbers_target.hpp" // last

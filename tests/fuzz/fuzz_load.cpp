@@ -5,7 +5,6 @@
 #include "aminn_model.h"
 #include "bytes.hpp"
 #include "checks.hpp"
-#include "numbers.hpp"
 #include "tiny_model.h"
 
 using namespace fuzz;
@@ -73,22 +72,8 @@ void check_found(const aminn_model_t &model, const Whole &w)
     FUZZ_CHECK(found.admissible == 0 || is_admissible(out, w.limits, model.length_scale));
 }
 
-const Whole &plausible()
+int try_one(Whole &w)
 {
-    static const Whole w = whole();
-    return w;
-}
-
-} // namespace
-
-extern "C" size_t LLVMFuzzerCustomMutator(uint8_t *data, size_t size, size_t max_size, unsigned int seed)
-{
-    return mutate_as(plausible(), data, size, max_size, seed);
-}
-
-extern "C" int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
-{
-    Whole w = whole_of(plausible(), data, size);
     const uint8_t chosen = w.choices[0];
     if ((chosen & kRepair) != 0) {
         repair(w.state);
@@ -113,3 +98,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     }
     return 0;
 }
+
+} // namespace
+
+#include "numbers_target.hpp" // last
