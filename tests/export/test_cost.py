@@ -28,7 +28,7 @@ def test_stuck_model_has_the_layer_without_slides_and_the_same_widths(tmp_path: 
 
 def test_ratios_are_to_the_earlier_build_and_each_missed_aim_is_named() -> None:
     report = judged(
-        {"base_instructions": 100, "stuck_instructions": 50, "sliding_instructions": 70, "stuck_model_int8_bytes": 1}
+        {"base_instructions": 100, "stuck_instructions": 50, "sliding_instructions": 70, "sliding_model_int8_bytes": 1}
     )
     assert report["stuck_instructions_ratio"] == 0.5
     assert report["sliding_to_stuck_instructions"] == pytest.approx(1.4)

@@ -50,9 +50,11 @@ LIMITS = {
     "stuck_avx2_us_ratio": 0.55,
     "sliding_to_stuck_instructions": 1.3,
     "sliding_context_and_stack_bytes": 5000,
-    "stuck_model_float32_bytes": 40_000,
-    "stuck_model_float16_bytes": 22_000,
-    "stuck_model_int8_bytes": 14_000,
+    **{
+        f"{subject}_model_{weights}_bytes": size
+        for subject in ("stuck", "sliding")
+        for weights, size in (("float32", 40_000), ("float16", 22_000), ("int8", 14_000))
+    },
     "labels_wall_to_system": 0.62,
     "step_ratio": 2.0,
     "runtime_to_compiler_ratio": 0.1,
