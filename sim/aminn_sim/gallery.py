@@ -7,6 +7,7 @@ picture is in the palm frame H, whatever the wrist does: x to the viewer, y to t
 from __future__ import annotations
 
 import importlib
+import io
 import os
 import shutil
 from collections.abc import Iterator
@@ -21,6 +22,8 @@ import numpy as np
 from matplotlib.colors import to_hex, to_rgba
 from numpy.typing import NDArray
 
+from aminn_base.errors import WriteError
+from aminn_base.files import sync_folder, write_atomically
 from aminn_base.lock import locked_folder
 from aminn_base.page import render
 from aminn_base.read import AnyPath
@@ -67,7 +70,8 @@ class Pose:
 def gallery(folder: AnyPath, count: int, hand: AnyPath | None = None) -> Path:
     """Draw `count` grasps of the finished data set in `folder`; returns the page, folder/gallery/index.html.
 
-    Tool families come in turn, cases that hold and cases that do not alternate. Raises SimulationError where the data
+    Tool families come in turn, cases that hold and cases that do not alternate. The page appears whole or not at all,
+    whatever ends program or machine; that of an earlier call goes before it. Raises SimulationError where the data
     set is of another configuration or version, and where the renderer cannot be used.
     """
     folder = Path(folder)
@@ -91,14 +95,14 @@ def gallery(folder: AnyPath, count: int, hand: AnyPath | None = None) -> Path:
                 fingers=branch_key(data.hand),
                 forces=[("contact force", to_hex(CONTACT_RGBA)), ("load: force straight, moment curved", LOAD_COLOUR)],
             )
-            (unfinished / "index.html").write_text(page, encoding="utf-8")
+            write_atomically(unfinished / "index.html", page.encode())
             if out.exists():
                 shutil.rmtree(out)
             unfinished.rename(out)
-        except OSError as error:
-            raise SimulationError(
-                f"{out}: cannot be written ({error.strerror}); make room or copy the data set"
-            ) from error
+            sync_folder(folder)
+        except (WriteError, OSError) as error:
+            reason = error.reason if isinstance(error, WriteError) else error.strerror
+            raise SimulationError(f"{out}: cannot be written ({reason}); make room or copy the data set") from error
         finally:
             shutil.rmtree(unfinished, ignore_errors=True)
     return out / "index.html"
@@ -306,7 +310,9 @@ def _write_png(file: Path, pixels: NDArray[np.uint8]) -> None:
     """Also without a word about the program that wrote it: equal pictures are equal bytes."""
     from PIL import Image  # comes with matplotlib
 
-    Image.fromarray(pixels).save(file, optimize=True)
+    image = io.BytesIO()
+    Image.fromarray(pixels).save(image, "PNG", optimize=True)
+    write_atomically(file, image.getvalue())
 
 
 def _remedy() -> str:

@@ -9,7 +9,7 @@ ROOT = Path(__file__).resolve().parents[2]
 WRITERS = {"write_text", "write_bytes", "tofile", "savefig", "rename", "replace", "move", "save_file", "copy"}
 ALLOWED = {
     "aminn_base/files.py": "the one place",
-    "aminn_sim/gallery.py": "a folder, made whole beside and renamed; in it files that nobody has named",
+    "aminn_sim/gallery.py": "a folder, made whole beside and renamed",
     "aminn_export/export.py": "finished files of a folder of its own, moved into place",
     "judge/bench.py": "a temporary folder",
     "aminn_rt/compiled.py": "a temporary folder",

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import re
 import shutil
 import sys
@@ -91,6 +93,38 @@ def test_pictures_repeat(data_folder: Path, gallery_folder: Path) -> None:
     first = {p.name: p.read_bytes() for p in gallery_folder.iterdir()}
     gallery(data_folder, 4)
     assert {p.name: p.read_bytes() for p in gallery_folder.iterdir()} == first
+
+
+def test_a_gallery_is_on_the_disk_before_it_has_its_name(data_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each file and the names of all of them; then the folder's own name is made to last."""
+    done: list[str] = []
+    sync, rename = os.fsync, Path.rename
+
+    def fsync(descriptor: int) -> None:
+        sync(descriptor)
+        done.append(os.readlink(f"/proc/self/fd/{descriptor}"))
+
+    def renamed(self: Path, target: Path) -> Path:
+        done.append("renamed")
+        return rename(self, target)
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    monkeypatch.setattr(Path, "rename", renamed)
+    page = gallery(data_folder, 1)
+    at = done.index("renamed")
+    files = {name.removeprefix(".").removesuffix(".partial") for name in map(os.path.basename, done[:at])}
+    assert {file.name for file in page.parent.iterdir()} | {"gallery.unfinished"} == files
+    assert os.path.basename(done[at - 1]) == "gallery.unfinished" and done[at + 1 :] == [str(data_folder)]
+
+
+def test_a_disk_that_fails_at_the_gallery_is_told(data_folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fsync(descriptor: int) -> None:
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    with pytest.raises(SimulationError, match=r"gallery: cannot be written \(Input/output error\)"):
+        gallery(data_folder, 1)
+    assert not list(data_folder.glob("gallery.unfinished"))
 
 
 def test_data_of_another_version_are_refused(data_folder: Path, tmp_path: Path) -> None:
