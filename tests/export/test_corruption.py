@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,7 +12,13 @@ import pytest
 
 from aminn.data.dataset import load_dataset
 from aminn.model.checkpoint import CARD, CARD_HASH, META, WEIGHTS, load_checkpoint
+from aminn.prediction.engines import open_engine
+from aminn.prediction.onnx_session import HASH_MARK
 from aminn_base.errors import AminnError
+from aminn_export.files.bin_model import read_bin_model
+from aminn_export.files.hand_header import HAND_HEADER, name_in
+from aminn_export.files.onnx_model import read_metadata
+from aminn_export.judge.identity import misfits
 from aminn_export.samples import vectors
 from aminn_export.samples.vectors import read_results, read_vectors, write_results
 from aminn_rt.blob import check_blob
@@ -115,6 +122,49 @@ def test_an_unknown_kind_of_model_is_refused_by_its_file(run: Path) -> None:
     (run / META).write_text((run / META).read_text().replace('"kind": "aminn"', '"kind": "forest"'))
     with pytest.raises(AminnError, match=r"model\.json: kind is 'forest', expected aminn or mlp"):
         load_checkpoint(run)
+
+
+ONNX = (GOLDEN / "aminn.onnx").read_bytes().replace(HASH_MARK, b"x" + HASH_MARK[1:])
+"""An ONNX model without a checksum, as one of an earlier export."""
+STRANGE = {
+    "a value that is not UTF-8": ONNX.replace(b'"finger1_roll"', b'"finger1\xffroll"'),
+    "a key that is not UTF-8": ONNX.replace(b"\x0a\x03tau", b"\x0a\x03t\xffu"),
+    "an input that is not UTF-8": ONNX.replace(b"x_ht", b"x_h\xff"),
+    "no JSON": ONNX.replace(b"\x0a\x03tau\x12\x110.", b"\x0a\x03tau\x12\x11{."),
+    "no tau": ONNX.replace(b"\x0a\x03tau", b"\x0a\x03rho"),
+}
+
+
+@pytest.mark.parametrize("name", STRANGE)
+def test_metadata_of_onnx_models(name: str, tmp_path: Path) -> None:
+    """Found by `make fuzz-files`: texts that are not UTF-8 and thresholds that are none ended in a traceback."""
+    file, content = tmp_path / "strange.onnx", STRANGE[name]
+    assert content != ONNX
+    file.write_bytes(content)
+    with pytest.raises(AminnError, match=rf"^{re.escape(str(file))}: .*export the model again"):
+        open_engine(file)
+    if name != "no tau" and "input" not in name:
+        with pytest.raises(AminnError, match=rf"^{re.escape(str(file))}: .*export the model again"):
+            read_metadata(file)
+
+
+def test_onnx_models_by_verify(tmp_path: Path) -> None:
+    """The comparison with the binary model reads the same texts."""
+    for name in ("aminn_model.bin", "aminn_model.c", "aminn_model.h"):
+        shutil.copy(GOLDEN / name, tmp_path)
+    model = read_bin_model(tmp_path / "aminn_model.bin")
+    (tmp_path / "aminn.onnx").write_bytes(ONNX)
+    assert misfits(tmp_path, "aminn_model", model) == []
+    (tmp_path / "aminn.onnx").write_bytes(STRANGE["a key that is not UTF-8"])
+    with pytest.raises(AminnError, match=r"aminn\.onnx: its metadata are no JSON texts"):
+        misfits(tmp_path, "aminn_model", model)
+
+
+def test_a_hand_header_of_another_encoding(tmp_path: Path) -> None:
+    header = tmp_path / HAND_HEADER
+    header.write_bytes(b'#define AMINN_HAND_NAME "gr\xe9iffer"\n')
+    with pytest.raises(AminnError, match=rf"{HAND_HEADER}: not UTF-8 text"):
+        name_in(header)
 
 
 def test_binary_models_in_python(export_dir: Path, trust: dict) -> None:

@@ -181,7 +181,7 @@ class OnnxEngine(Engine):
         self._content = read_bytes(source)
         meta = self._session(1).get_modelmeta().custom_metadata_map
         self._hand, self.name = hand_in(source, meta), source.stem
-        self.tau = float(json.loads(meta["tau"]))
+        self.tau = tau_in(source, meta)
 
     @property
     def hand(self) -> Hand:
@@ -262,8 +262,19 @@ def hand_in(source: AnyPath, meta: dict[str, str]) -> Hand:
     """The hand in an ONNX model's metadata. Raises AminnError where it tells none."""
     try:
         return Hand.from_dict(json.loads(meta["hand"]))
-    except (KeyError, ValueError, AminnError) as error:
+    except (KeyError, ValueError, RecursionError, AminnError) as error:
         raise AminnError(f"{source}: its metadata describe no hand; export the model again") from error
+
+
+def tau_in(source: AnyPath, meta: dict[str, str]) -> float:
+    """The threshold on p_stable in an ONNX model's metadata. Raises AminnError where it tells none."""
+    try:
+        tau = json.loads(meta["tau"])
+    except (KeyError, ValueError, RecursionError):
+        tau = None
+    if not isinstance(tau, int | float) or not 0 <= tau <= 1:
+        raise AminnError(f"{source}: its metadata have no tau from 0 to 1; export the model again")
+    return float(tau)
 
 
 def _binary_beside(folder: Path) -> Path | None:

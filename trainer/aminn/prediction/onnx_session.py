@@ -52,9 +52,17 @@ def onnx_session(model: AnyPath | bytes, threads: int, name: AnyPath = "ONNX mod
     name = name if isinstance(model, bytes) else model
     check_onnx(name, source)
     try:
-        return ort.InferenceSession(source, options, providers=["CPUExecutionProvider"])
+        session = ort.InferenceSession(source, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # its exceptions have no common base of their own
         raise AminnError(f"{name}: ONNX Runtime cannot load it ({error})") from error
+    try:  # ONNX Runtime passes on any bytes as texts
+        given = (*session.get_inputs(), *session.get_overridable_initializers(), *session.get_outputs())
+        _ = [value.name for value in given], session.get_modelmeta().custom_metadata_map
+    except UnicodeDecodeError as error:
+        raise AminnError(
+            f"{name}: its names or metadata are not UTF-8 text ({error}); export the model again"
+        ) from error
+    return session
 
 
 def in_chunks(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
-from aminn_base.read import AnyPath
+from aminn_base.read import AnyPath, read_text
 from aminn_hand.hand import Dims
 from aminn_rt.hand_header import COUNTS, HAND_HEADER, counts_of, hand_header
 
@@ -32,13 +32,13 @@ def header_beside(model_dir: Path) -> Path | None:
 
 def name_in(header: Path) -> str:
     """The hand's name."""
-    found = re.search(r'^#define AMINN_HAND_NAME "(.*)"', header.read_text(), re.MULTILINE)
+    found = re.search(r'^#define AMINN_HAND_NAME "(.*)"', read_text(header), re.MULTILINE)
     return found[1] if found else "unknown"
 
 
 def counts_in(header: Path) -> tuple[int, ...]:
     """What a build follows from: branches, coordinates, joints, gated tendons, soft fingertips, stiffnesses."""
-    text = header.read_text()
+    text = read_text(header)
     found = [re.search(rf"^#define {name} (\d+)", text, re.MULTILINE) for name in COUNTS]
     missing = [name for name, match in zip(COUNTS, found, strict=True) if match is None]
     if missing:

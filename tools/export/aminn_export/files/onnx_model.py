@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from aminn.prediction.onnx_session import FILE_HASH, HASH_MARK
 from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
-from aminn_base.read import AnyPath
+from aminn_base.read import AnyPath, read_bytes
 from aminn_base.seal import DIGITS, sealed_bytes
 from aminn_hand.hand import LEAST_MOTION_M, MAX_LOG_BOUND, N_CONTACT_FEATURE, N_WRENCH
 from aminn_hand.sensors import FRICTION_CLASSES, FRICTION_SPREAD
@@ -114,8 +114,29 @@ def onnx_metadata(meta: dict) -> dict[str, str]:
 
 
 def read_metadata(path: AnyPath) -> dict:
-    """The metadata of an ONNX file, decoded."""
-    return {p.key: json.loads(p.value) for p in onnx.load(path).metadata_props}
+    """The metadata of an ONNX file, decoded. Raises AminnError where it is none, or they are no JSON."""
+    return {key: json.loads(value) for key, value in metadata_in(path, parsed(path, read_bytes(path))).items()}
+
+
+def parsed(path: AnyPath, content: bytes) -> onnx.ModelProto:
+    """The model in the content of a file. Raises AminnError where it is none."""
+    try:
+        return onnx.load_model_from_string(content)
+    except Exception as error:  # protobuf's own, which has no common base
+        raise AminnError(f"{path}: not an ONNX model ({error})") from error
+
+
+def metadata_in(path: AnyPath, model: onnx.ModelProto) -> dict[str, str]:
+    """JSON texts of a model's metadata. Raises AminnError where they are none."""
+    try:
+        texts = {p.key: p.value for p in model.metadata_props}
+        if not all(isinstance(text, str) for pair in texts.items() for text in pair):
+            raise ValueError("not UTF-8")  # what protobuf gives as bytes
+        for text in texts.values():
+            json.loads(text)
+    except (ValueError, RecursionError) as error:  # also of bytes that are not UTF-8
+        raise AminnError(f"{path}: its metadata are no JSON texts ({error}); export the model again") from error
+    return texts
 
 
 def _adjugate_tables() -> tuple[list[int], Array]:

@@ -12,7 +12,6 @@ from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
-import onnx
 from onnx import numpy_helper
 
 from aminn.data.dataset import Dataset
@@ -25,7 +24,7 @@ from aminn_rt.compiled import runtime, runtime_for
 from ..files.bin_model import BinModel, model_crc
 from ..files.c_model import c_model_texts
 from ..files.hand_header import HAND_HEADER, fits, header_beside, name_in
-from ..files.onnx_model import DEBUG_FILE, ONNX_FILE, build_onnx, onnx_metadata
+from ..files.onnx_model import DEBUG_FILE, ONNX_FILE, build_onnx, metadata_in, onnx_metadata, parsed
 from ..files.tables import dims_of
 from ..samples.golden import GOLDEN_FILE
 from ..samples.vectors import read_vectors
@@ -70,11 +69,8 @@ def _single(value: object) -> object:
 def _onnx_difference(file: Path, model: BinModel, debug: bool) -> str | None:
     content = read_bytes(file)
     check_onnx(file, content)
-    try:
-        found = onnx.load_model_from_string(content)
-    except Exception as error:  # protobuf's own, which has no common base
-        raise AminnError(f"{file}: not an ONNX model ({error})") from error
-    metadata = {p.key: p.value for p in found.metadata_props}
+    found = parsed(file, content)
+    metadata = metadata_in(file, found)
     for key, value in onnx_metadata(model.meta).items():
         if key not in metadata:
             return f"its metadata lacks {key}"
@@ -84,7 +80,10 @@ def _onnx_difference(file: Path, model: BinModel, debug: bool) -> str | None:
     own_meta = {"length_scale" if k == "length_scale_m" else k: json.loads(metadata[k]) for k in metadata}
     same = BinModel(model.meta | {k: v for k, v in own_meta.items() if k in model.meta}, model.tensors)
     wanted = {t.name: numpy_helper.to_array(t) for t in build_onnx(same, debug).graph.initializer}
-    own = {t.name: numpy_helper.to_array(t) for t in found.graph.initializer}
+    try:
+        own = {t.name: numpy_helper.to_array(t) for t in found.graph.initializer}
+    except (ValueError, TypeError) as error:  # names that are not UTF-8, numbers that are too few
+        raise AminnError(f"{file}: its constants cannot be read ({error}); export the model again") from error
     if set(own) != set(wanted):
         return "its constants have other names: it was written by another version"
     for name, array in wanted.items():

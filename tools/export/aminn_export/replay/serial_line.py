@@ -85,7 +85,7 @@ def _others(name: str) -> str:
             continue
         with suppress(OSError):  # it has ended, or is another user's
             if any(os.path.realpath(link) == device for link in (process / "fd").iterdir()):
-                found.append(f"{(process / 'comm').read_text().strip()} (process {process.name})")
+                found.append(f"{(process / 'comm').read_text(errors='replace').strip()} (process {process.name})")
     return ", ".join(found)
 
 
