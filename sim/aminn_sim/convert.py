@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from aminn_base.errors import AminnError
 from aminn_base.files import refuse_inputs, write_atomically, write_json
-from aminn_base.read import AnyPath, read_text
+from aminn_base.read import AnyPath, is_file, read_bytes, read_text
 from aminn_hand.hand_file import HandFile, model_path, read_hand_file
 
 from . import _core, mjcf_tree
@@ -111,6 +111,9 @@ def convert(source: AnyPath, sheet: HandFile | None = None) -> Conversion:
         raise AminnError(
             f"{source}: MuJoCo {_core.MUJOCO_VERSION} cannot have what the mechanics needs: " + "; ".join(written.lost)
         )
+    mjcf_tree.refuse_deep(source, written.root)
+    if bad := next(written.bad_numbers(), None):
+        raise AminnError(f"{source}: {bad} is not finite")
     try:
         engine = _core.Engine(mjcf_tree.text_of(written.root))
     except _core.MujocoError as error:
@@ -174,12 +177,7 @@ def _line(error: Exception) -> str:
 
 
 def _is_urdf(source: Path) -> bool:
-    try:
-        return ET.parse(source).getroot().tag == "robot"
-    except OSError as error:
-        raise AminnError(f"{source}: cannot be read ({error.strerror})") from error
-    except ET.ParseError as error:
-        raise AminnError(f"{source}: not XML ({error})") from error
+    return mjcf_tree.parse(source, read_bytes(source)).tag == "robot"
 
 
 def _compiled_urdf(mujoco: Any, source: Path) -> tuple[Any, list[str]]:
@@ -199,7 +197,7 @@ def _urdf_text(source: Path) -> str:
 
     Left alone, the engine melts the first link and every fixed one into its parent, and palm and tips lose their names.
     """
-    root = ET.parse(source).getroot()
+    root = mjcf_tree.parse(source, read_bytes(source))
     children = {e.get("link") for joint in root.iter("joint") for e in joint.iter("child")}
     tops = [link.get("name", "") for link in root.findall("link") if link.get("name") not in children]
     for link in root.iter("link"):
@@ -230,7 +228,7 @@ def _urdf_mesh(name: str, source: Path) -> Path:
         except (ImportError, ValueError):
             spec = None
         folders += [Path(p) for p in (spec.submodule_search_locations or ())] if spec else []
-        found = next((folder / inside for folder in folders if (folder / inside).is_file()), None)
+        found = next((folder / inside for folder in folders if is_file(folder / inside)), None)
         if found is None:
             raise AminnError(
                 f"{source}: {name} is not there: no folder {package!r} above the URDF and no installed Python package "
@@ -239,7 +237,7 @@ def _urdf_mesh(name: str, source: Path) -> Path:
         return found.resolve()
     path = Path(name.removeprefix("file://"))
     path = path if path.is_absolute() else source.parent / path
-    if not path.is_file():
+    if not is_file(path):
         raise AminnError(f"{source}: the mesh {path} is not there")
     if path.suffix.lower() not in (".stl", ".obj", ".msh"):
         raise AminnError(f"{source}: {name}: the engine reads meshes as STL, OBJ or MSH; convert it")
@@ -277,7 +275,7 @@ def _compare(mujoco: Any, m: Any, e: _core.Engine, written: Written) -> Iterator
         if old.shape != new.shape:
             return Row(what, f"{len(old)} numbers", f"{len(new)} numbers", False, needed)
         scale = max(1e-12, float(np.abs(old).max(initial=0)))
-        worst = np.abs(old - new) > almost * scale
+        worst = ~(np.abs(old - new) <= almost * scale)  # NaN too
         if not worst.any():
             summary = f"{len(old)}, to {scale:.3g} {unit}".strip() if np.any(old) else "none"
             return Row(what, summary, "same", True, needed)

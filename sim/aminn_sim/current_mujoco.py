@@ -35,14 +35,21 @@ def import_mujoco() -> ModuleType:
         os.environ |= dict.fromkeys(("MUJOCO_GL", "PYOPENGL_PLATFORM"), "osmesa")
     try:
         try:
-            return importlib.import_module("mujoco")
+            found = importlib.import_module("mujoco")
         except AttributeError:  # of PyOpenGL, which found no OSMesa: all but pictures is there without it
             os.environ["MUJOCO_GL"] = "disabled"
-            return importlib.import_module("mujoco")
+            found = importlib.import_module("mujoco")
+        if found.get_mju_user_warning() is None:
+            found.set_mju_user_warning(_unsaid)
     except (ImportError, RuntimeError) as error:
         raise SimulationError(
             f"the package mujoco cannot be imported ({error}); install it (pip install 'aminn[mujoco]')"
         ) from error
+    return found
+
+
+def _unsaid(message: str) -> None:
+    """The engine counts its warnings; left alone it writes them to MUJOCO_LOG.TXT in the working folder as well."""
 
 
 def rotation_vector(rotation: Array) -> Array:

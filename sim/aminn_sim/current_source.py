@@ -6,8 +6,9 @@ meshes are numbers, and an element that the older engine does not know cannot be
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -22,6 +23,23 @@ DYNAMICS = {"NONE": "none", "INTEGRATOR": "integrator", "FILTER": "filter", "FIL
 GAINS = {"FIXED": "fixed", "AFFINE": "affine", "MUSCLE": "muscle"}
 BIASES = {"NONE": "none", "AFFINE": "affine", "MUSCLE": "muscle"}
 INTEGRATORS = {"INT_EULER": "Euler", "INT_RK4": "RK4", "INT_IMPLICIT": "implicit", "INT_IMPLICITFAST": "implicit"}
+NAMING: tuple[str, ...] = (
+    "name",
+    "mesh",
+    "geom",
+    "geom1",
+    "geom2",
+    "body1",
+    "body2",
+    "joint",
+    "joint1",
+    "joint2",
+    "site",
+    "sidesite",
+)
+NAMING += ("tendon", "tendon1", "tendon2")
+"""Attributes whose values are names."""
+NO_NUMBER = re.compile(r"\b(nan|inf)\b")
 FLAGS = ("EQUALITY", "FRICTIONLOSS", "LIMIT", "CONTACT", "GRAVITY", "CLAMPCTRL", "FILTERPARENT", "ACTUATION", "REFSAFE")
 """Of mjDSBL_*: what both engines can switch off."""
 
@@ -41,6 +59,14 @@ class Written:
     """Parts that the mechanics needs and the older engine cannot have."""
     warnings: list[str] = field(default_factory=list)
     """What changes without harm to the mechanics."""
+
+    def bad_numbers(self) -> Iterator[str]:
+        """Attributes of the tree that hold NaN or infinity, with what they are of."""
+        for element in self.root.iter():
+            for key, value in element.items():
+                if key not in NAMING and NO_NUMBER.search(value):
+                    of = f" {element.get('name')}" if "name" in element.attrib else ""
+                    yield f"{key} of <{element.tag}>{of}, {value},"
 
 
 def numbers(values: object) -> str:

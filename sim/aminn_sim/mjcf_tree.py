@@ -13,10 +13,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from aminn_base.errors import AminnError
+from aminn_base.read import is_file
+
+from .mesh_check import check_mesh_file, check_mesh_text
 
 Element = ET.Element
 FOLDERS = {"texture": ("texturedir", "assetdir"), "": ("meshdir", "assetdir")}
 """Attributes of <compiler> that say where files of an element lie; "" stands for all others."""
+MAX_DEPTH = 200
+"""Of elements; a finger of 20 links is 25 deep."""
 NAMED_BY_FILE = ("mesh", "hfield", "skin", "texture")
 """Assets that are called after their file where they have no name."""
 
@@ -40,12 +45,27 @@ def _read(path: Path, files: dict[Path, bytes]) -> bytes:
         raise AminnError(f"{path}: cannot be read ({error.strerror})") from error
 
 
-def _parse(path: Path, files: dict[Path, bytes], seen: tuple[Path, ...] = ()) -> Element:
-    content = _read(path, files)
+def parse(path: Path, content: bytes) -> Element:
+    """The tree in an XML file. Raises AminnError where it is no XML, or too deep."""
     try:
         root = ET.fromstring(content)
-    except (ET.ParseError, ValueError, LookupError) as error:
+    except (ET.ParseError, ValueError, LookupError) as error:  # also of an encoding that it names
         raise AminnError(f"{path}: not XML ({error})") from error
+    refuse_deep(path, root)
+    return root
+
+
+def refuse_deep(path: Path, root: Element) -> None:
+    """Raise AminnError where elements lie deeper in each other than a tree of Python's can be walked and written."""
+    level = [root]
+    for _ in range(MAX_DEPTH):
+        level = [child for element in level for child in element]
+    if level:
+        raise AminnError(f"{path}: elements lie more than {MAX_DEPTH} deep in each other, in <{level[0].tag}>")
+
+
+def _parse(path: Path, files: dict[Path, bytes], seen: tuple[Path, ...] = ()) -> Element:
+    root = parse(path, _read(path, files))
     if path.resolve() in seen:
         raise AminnError(f"{path}: includes itself")
     for element in root.iter():  # the engine's own parser does not mind the case of a tag
@@ -76,7 +96,11 @@ def read_mjcf(path: Path, hand_file: Path | None = None) -> Model:
         )
     if root.tag != "mujoco":
         raise AminnError(f"{path}: <{root.tag}> is no MuJoCo model; an MJCF file begins with <mujoco>")
-    next(_expanded(root, path.parent, files, (path.resolve(),)))
+    try:
+        next(_expanded(root, path.parent, files, (path.resolve(),)))
+    except RecursionError as error:
+        raise AminnError(f"{path}: its includes lie too deep in each other") from error
+    refuse_deep(path, root)
     model = Model(root, files=files)
     told: dict[str, list[str]] = {key: [] for keys in FOLDERS.values() for key in keys}
     for compiler in root.iter("compiler"):
@@ -86,15 +110,30 @@ def read_mjcf(path: Path, hand_file: Path | None = None) -> Model:
         folders = [f for key in FOLDERS.get(element.tag, FOLDERS[""]) for f in told[key]] or [""]
         for key, name in [(k, v) for k, v in element.attrib.items() if k.startswith("file")]:
             places = [path.parent / folder / n for folder in folders for n in (name, Path(name).name)]
-            found = next((p for p in places if p.is_file()), None)
+            found = next((p for p in places if is_file(p)), None)
             if found is None:
                 raise AminnError(f"{path}: <{element.tag}> names the file {name}, which is not there ({places[0]})")
             own = f"{len(model.assets)}_{found.name[-80:]}"
-            model.assets[own] = _read(found, files)
+            content = model.assets[own] = _read(found, files)
+            if element.tag == "mesh":
+                _check_mesh(found, found.suffix, content)
             element.set(key, own)
             if element.tag in NAMED_BY_FILE and key == "file" and not element.get("name"):
                 element.set("name", Path(name).stem)
+    for element in root.iter("mesh"):
+        if element.get("face") and not element.get("file"):
+            try:
+                check_mesh_text(element.get("vertex", ""), element.get("face", ""))
+            except ValueError as error:
+                raise AminnError(f"{path}: <mesh> {element.get('name', '')!r}: {error}") from error
     return model
+
+
+def _check_mesh(path: Path, end: str, content: bytes) -> None:
+    try:
+        check_mesh_file(end, content)
+    except ValueError as error:
+        raise AminnError(f"{path}: not a mesh that the engine can read: {error}") from error
 
 
 def text_of(root: Element) -> str:

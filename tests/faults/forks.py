@@ -18,7 +18,7 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
-sys.path[:0] = [str(HERE.parent / name) for name in ("trainer", "table")]
+sys.path[:0] = [str(HERE.parent / name) for name in ("trainer", "table", "hand")]
 LIBRARY = ROOT / "build" / "faults" / "interpose.so"
 MARK = "AMINN_FAULTS"
 

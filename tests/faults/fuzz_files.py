@@ -15,8 +15,10 @@ import argparse
 import json
 import os
 import random
+import re
 import shutil
 import signal
+import struct
 import sys
 import time
 import traceback
@@ -29,10 +31,11 @@ from pathlib import Path
 from typing import Any
 
 from forks import ROOT, forked
-from mutate import Mutator, changed_hdf5, changed_json, changed_tensors, flipped, reworded
+from mutate import Mutator, changed_hdf5, changed_json, changed_tensors, changed_xml, flipped, reworded
 
 CASE_S, MEMORY = 20, 3 << 30
 BATCH_S = 3.0
+NO_NUMBER = re.compile(r"\b(nan|inf)\b")
 FORBIDDEN = (
     "subprocess.Popen",
     "os.system",
@@ -244,6 +247,68 @@ def _hands(folder: Path, end: str) -> list[Path]:
     return sorted(folder.glob(f"*{end}"))
 
 
+def _newer(folder: Path) -> list[Path]:
+    """Models for `aminn hand convert` in the dialect of the current MuJoCo."""
+    files = [folder / f"newer_{k}.xml" for k in range(len(ACCEPTED))]
+    for file, text in zip(files, ACCEPTED.values(), strict=True):
+        file.write_text(f'<?xml version="1.0" encoding="utf-8"?>\n{text}')
+    return files
+
+
+def _urdfs(folder: Path) -> list[Path]:
+    _meshes(folder)
+    pad = COLLISION.format(shape='<mesh filename="package://convert_urdf/pad.obj"/>')
+    texts = {"bare": urdf(), "mimics": urdf(mimic='<mimic joint="{n}_1" multiplier="0.6"/>'), "meshes": urdf(pad)}
+    for name, text in texts.items():
+        (folder / f"{name}.urdf").write_text(text)
+    return [folder / f"{name}.urdf" for name in texts]
+
+
+def _sheets(folder: Path) -> list[Path]:
+    (folder / "newer.xml").write_text(ACCEPTED["a filtered servo"])
+    (folder / "bare.urdf").write_text(urdf())
+    rest = '[stiffness]\nservo_Nm_rad = { default = 1.5 }\n[contact]\nmodel = "soft_finger"\n'
+    return _written(
+        folder, mjcf=f'name = "new"\nmodel = "newer.xml"\n{rest}', urdf=f'name = "new"\nmodel = "bare.urdf"\n{rest}'
+    )
+
+
+def _meshes(folder: Path) -> list[Path]:
+    """A tetrahedron as OBJ and as STL, and hands that have it at their fingertips."""
+    corners = [(0, 0, 0), (0.01, 0, 0), (0, 0.01, 0), (0, 0, 0.01)]
+    faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+    lines = ["v {} {} {}".format(*c) for c in corners] + ["f {} {} {}".format(*(i + 1 for i in f)) for f in faces]
+    triangles = b"".join(struct.pack("<12fH", 0, 0, 0, *(x for i in f for x in corners[i]), 0) for f in faces)
+    (folder / "pad.obj").write_text("\n".join(lines) + "\n")
+    (folder / "pad.stl").write_bytes(bytes(80) + struct.pack("<I", len(faces)) + triangles)
+    for end in ("obj", "stl"):
+        asset = f'<asset><mesh name="pad" file="pad.{end}"/></asset>'
+        tip = '<geom name="{n}_tip" type="mesh" mesh="pad" mass="0.01"/>'
+        (folder / f"{end}.xml").write_text(newer_hand(tops=asset, tip=tip))
+        _plain_hand(folder, end, asset)
+    return [folder / "pad.obj", folder / "pad.stl"]
+
+
+def _plain_hand(folder: Path, name: str, asset: str) -> None:
+    """A hand for the simulation's MuJoCo, with a mesh at both tips."""
+    model, sheet = ((ROOT / "sim/models/hands/gripper").with_suffix(end).read_text() for end in (".xml", ".toml"))
+    model = model.replace("<default>", f"{asset}<default>", 1).replace(
+        '_tip" class', '_tip" type="mesh" mesh="pad" class'
+    )
+    (folder / f"{name}_plain.xml").write_text(model)
+    (folder / f"{name}.toml").write_text(sheet.replace("gripper.xml", f"{name}_plain.xml"))
+
+
+def _converted(file: Path) -> object:
+    """A model for the simulation's MuJoCo, whose numbers are numbers."""
+    new = convert_to(file, file.parent / "out")
+    model = model_path(read_hand_file(new), new) if new.suffix == ".toml" else new
+    for element in read_mjcf(model).root.iter():
+        for key, value in element.items():
+            assert key in NAMING or not NO_NUMBER.search(value), f"{element.tag} {key} {value}"
+    return model
+
+
 def _tables(folder: Path, ends: Sequence[str]) -> list[Path]:
     for end in ends:
         write_table(folder / f"pushes{end}", HANDS["reference"], made_up(HANDS["reference"]))
@@ -276,6 +341,19 @@ def _calibration(folder: Path) -> list[Path]:
     return [folder / "theta.json"]
 
 
+def _changed_onnx(rng: random.Random, content: bytes) -> bytes:
+    """One text of the metadata says something else."""
+    model = onnx.load_model_from_string(content)
+    text = rng.choice(model.metadata_props)
+    text.value = changed_json(rng, text.value.encode()).decode()
+    return model.SerializeToString(deterministic=True)
+
+
+def _resealed_onnx(content: bytes) -> bytes:
+    head, mark, rest = content.partition(HASH_MARK)
+    return sealed_bytes(head + mark + b"0" * DIGITS + rest[DIGITS:], HASH_MARK)
+
+
 def _onnx(folder: Path) -> list[Path]:
     return _copied(folder, "aminn.onnx")
 
@@ -302,6 +380,7 @@ def targets() -> list[Target]:
         return load_dataset(file.parent)
 
     json_ways, toml_ways = (changed_json, changed_json, reworded, flipped), (reworded, reworded, flipped)
+    xml_ways = (changed_xml, changed_xml, changed_xml, reworded, flipped)
     tensor_ways = (changed_tensors, changed_tensors, flipped)
     config = as_toml(load_config())
     grid = 'epochs = 2\n[grid]\nseed = [0, 1]\nkind = ["aminn", "mlp"]\nmodel.width = [16, 32]\n'
@@ -313,7 +392,14 @@ def targets() -> list[Target]:
         Target("weights", lambda f: _checkpoint(f, WEIGHTS), lambda p: load_checkpoint(p.parent), tensor_ways),
         Target("unfinished", _unfinished, lambda p: load_run(p.parent, {"config": {"seed": 0}}), tensor_ways),
         Target("hand_file", lambda f: _hands(f, ".toml"), understand, toml_ways),
-        Target("mjcf", lambda f: _hands(f, ".xml"), lambda p: understand(p.with_suffix(".toml")), toml_ways),
+        Target("mjcf", lambda f: _hands(f, ".xml"), lambda p: understand(p.with_suffix(".toml")), xml_ways),
+        Target("mesh", _meshes, lambda p: understand(p.with_suffix(".toml").with_stem(p.suffix[1:])),
+               (reworded, flipped, flipped)),
+        Target("convert_mjcf", _newer, _converted, xml_ways),
+        Target("convert_urdf", _urdfs, _converted, xml_ways),
+        Target("convert_hand_file", _sheets, _converted, toml_ways),
+        Target("convert_mesh", _meshes, lambda p: _converted(p.with_name(f"{p.suffix[1:]}.xml")),
+               (reworded, flipped, flipped)),
         Target("table_text", lambda f: _tables(f, (".csv", ".jsonl")), table, toml_ways),
         Target("table_hdf5", lambda f: _tables(f, (".h5",)), table,
                (changed_hdf5, changed_hdf5, flipped)),
@@ -324,7 +410,7 @@ def targets() -> list[Target]:
         Target("calibration", _calibration, lambda p: read_calibration(p, hand), json_ways, _resealed),
         Target("binary_model", lambda f: _copied(f, "aminn_model.bin"), read_bin_model, (flipped,), _recrc(12, 16)),
         Target("bag", _bag, _read_bag, (flipped,)),
-        Target("onnx", _onnx, open_engine, (flipped,)),
+        Target("onnx", _onnx, open_engine, (flipped, _changed_onnx), _resealed_onnx),
     ]  # fmt: skip
 
 
@@ -357,26 +443,34 @@ def main() -> int:
 
 import hashlib  # noqa: E402
 
+import onnx  # noqa: E402
 import torch  # noqa: E402
 from lab import made_up  # noqa: E402
 from record import messages, record  # noqa: E402
 from synthetic import HANDS, write_dataset  # noqa: E402
 from test_bags import map_text  # noqa: E402
+from test_convert import ACCEPTED, COLLISION, urdf  # noqa: E402
+from test_convert import hand as newer_hand  # noqa: E402
 
 from aminn.calibration.store import read_calibration  # noqa: E402
 from aminn.data.dataset import load_dataset  # noqa: E402
 from aminn.model.checkpoint import META, WEIGHTS, build_model, load_checkpoint, save_checkpoint  # noqa: E402
 from aminn.model.config import ModelConfig, as_toml, load_config  # noqa: E402
 from aminn.prediction.engines import open_engine  # noqa: E402
+from aminn.prediction.onnx_session import HASH_MARK  # noqa: E402
 from aminn.training.run_state import FILE as UNFINISHED  # noqa: E402
 from aminn.training.run_state import RunState, load_run, save_run  # noqa: E402
 from aminn_app.sweep import read_grid  # noqa: E402
 from aminn_base.errors import AminnError  # noqa: E402
 from aminn_base.files import write_json  # noqa: E402
-from aminn_base.seal import JSON_KEY, sealed  # noqa: E402
+from aminn_base.seal import DIGITS, JSON_KEY, sealed, sealed_bytes  # noqa: E402
 from aminn_export.files.bin_model import read_bin_model  # noqa: E402
 from aminn_export.samples.vectors import read_vectors  # noqa: E402
+from aminn_hand.hand_file import model_path, read_hand_file  # noqa: E402
 from aminn_hand.theta import Theta  # noqa: E402
+from aminn_sim.convert import convert_to  # noqa: E402
+from aminn_sim.current_source import NAMING  # noqa: E402
+from aminn_sim.mjcf_tree import read_mjcf  # noqa: E402
 from aminn_sim.understand import understand  # noqa: E402
 from aminn_table import Map, read_map, read_table, write_table  # noqa: E402
 from aminn_table.columns import LABELLED  # noqa: E402

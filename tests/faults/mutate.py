@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import copy
 import io
 import json
 import random
 import re
+import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from typing import Any
 
@@ -44,11 +46,13 @@ VALUES: tuple[Any, ...] = (
     float("inf"),
     "",
     "text",
+    "9" * 400,
     PAYLOAD,
     [],
     {},
     [[1]],
 )
+DEEP = 1200
 TOKEN = re.compile(r"\"[^\"\n]*\"|[\w.+-]+|[^\w\s]")
 
 
@@ -99,10 +103,10 @@ def reworded(rng: random.Random, content: bytes) -> bytes:
 
 def changed_value(rng: random.Random, value: Any) -> Any:
     """Parts of a JSON value are others, missing or new."""
-    copy = json.loads(json.dumps(value))
+    own = json.loads(json.dumps(value))
     for _ in range(rng.choice((1, 1, 1, 3))):
-        copy = _changed(rng, copy)
-    return copy
+        own = _changed(rng, own)
+    return own
 
 
 def _changed(rng: random.Random, value: Any) -> Any:
@@ -128,6 +132,42 @@ def _changed(rng: random.Random, value: Any) -> Any:
 def changed_json(rng: random.Random, content: bytes) -> bytes:
     """`changed_value` of a file, as JSON has it."""
     return json.dumps(changed_value(rng, json.loads(content))).encode()
+
+
+def changed_xml(rng: random.Random, content: bytes) -> bytes:
+    """Values of attributes are others; attributes and elements are gone, twice, elsewhere or deep. It stays XML."""
+    root = ET.fromstring(content)
+    for _ in range(rng.choice((1, 1, 2, 4))):
+        elements = list(root.iter())
+        _change_element(rng, rng.choice(elements), rng.choice(elements), root)
+    return ET.tostring(root)
+
+
+def _change_element(rng: random.Random, one: ET.Element, other: ET.Element, root: ET.Element) -> None:
+    how = rng.randrange(12)
+    if how < 6 and one.attrib:
+        key = rng.choice(list(one.attrib))
+        words = one.attrib[key].split() or [""]
+        at = rng.randrange(len(words))
+        words[at : at + 1] = [rng.choice((*NUMBERS, *NUMBERS, *WORDS, "", f"{words[at]} {words[at]}"))]
+        one.attrib[key] = " ".join(words).replace("\0", "")
+    elif how == 6 and one.attrib:
+        del one.attrib[rng.choice(list(one.attrib))]
+    elif how == 7 and other.attrib:
+        key = rng.choice(list(other.attrib))
+        one.set(key, other.attrib[key])
+    elif how == 8:
+        one.tag = other.tag
+    elif how == 9 and not any(e is other for e in one.iter()):
+        other.append(copy.deepcopy(one))
+    elif how == 10 and rng.random() < 0.1:
+        for _ in range(DEEP):
+            one = ET.SubElement(one, other.tag)
+    else:
+        for parent in root.iter():
+            if any(e is one for e in parent):
+                parent.remove(one)
+                break
 
 
 def changed_hdf5(rng: random.Random, content: bytes) -> bytes:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+import struct
 import subprocess
 import sys
 import tomllib
@@ -18,7 +20,7 @@ from aminn_base.errors import AminnError
 from aminn_hand.hand_file import HandFile, model_path
 from aminn_sim import _core
 from aminn_sim.convert import convert, convert_to
-from aminn_sim.mjcf_tree import text_of
+from aminn_sim.mjcf_tree import read_mjcf, text_of
 from aminn_sim.understand import understand
 
 mujoco = pytest.importorskip("mujoco", reason="the current MuJoCo is not installed: pip install 'aminn[mujoco]'")
@@ -357,6 +359,130 @@ def test_impossible_inertia_of_a_urdf_is_said(tmp_path: Path) -> None:
     assert any("an inertia that no body has is replaced" in said for said in convert(tmp_path / "hand.urdf").warnings)
     write_hand(tmp_path, urdf(), "hand.urdf")
     assert not any("inertia" in said for said in convert(tmp_path / "hand.urdf").warnings)
+
+
+STRANGE = {
+    "numbers that are none": (hand(joint='damping="nan"'), r"damping of <joint> left_1, nan, is not finite"),
+    "an option that is none": (hand(option='<option tolerance="inf"/>'), r"tolerance of <option>, inf, is not finite"),
+    "an encoding that is none": ('<?xml version="1.0" encoding="klingon"?>' + hand(), r"not XML \(unknown encoding"),
+    "an encoding that Python's parser has not": (
+        '<?xml version="1.0" encoding="utf-7"?>' + hand(),
+        r"not XML \(multi-byte encodings are not supported",
+    ),
+    "elements without end": (hand(tip="<frame>" * 300 + TIP + "</frame>" * 300), r"elements .* 200 deep .* in <frame>"),
+}
+
+
+@pytest.mark.parametrize("name", STRANGE)
+def test_a_strange_model_is_refused_in_one_line(name: str, tmp_path: Path) -> None:
+    """Found by `make fuzz-files`: tracebacks, and models of NaN that passed as the same."""
+    text, message = STRANGE[name]
+    (tmp_path / "hand.xml").write_text(text)
+    with pytest.raises(AminnError, match=rf"^{re.escape(str(tmp_path / 'hand.xml'))}: {message}"):
+        convert_to(tmp_path / "hand.xml", tmp_path / "new")
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_chain_that_is_too_long_is_refused(tmp_path: Path) -> None:
+    """Of a URDF, whose links stand side by side."""
+    parts, above = [], "palm"
+    for k in range(250):
+        parts.append(URDF_LINK.format(name=f"more_{k}_link", collision=SPHERE))
+        parts.append(URDF_JOINT.format(name=f"more_{k}", kind="fixed", parent=above, y=0, axis=1, mimic=""))
+        above = f"more_{k}_link"
+    (tmp_path / "hand.urdf").write_text(urdf().replace("</robot>", f"{''.join(parts)}</robot>"))
+    with pytest.raises(AminnError, match=r"hand\.urdf: elements lie more than 200 deep in each other, in <"):
+        convert(tmp_path / "hand.urdf")
+
+
+def test_names_that_no_file_can_have(tmp_path: Path) -> None:
+    """Found by `make fuzz-files`: the file system refuses to look."""
+    long = "9" * 400
+    sheet = tmp_path / "hand.toml"
+    sheet.write_text(f'name = "new"\nmodel = "{long}.xml"\n')
+    with pytest.raises(AminnError, match=r"hand\.toml: model names .*, which is no file"):
+        convert_to(sheet, tmp_path / "new")
+    (tmp_path / "hand.xml").write_text(hand(tops=f'<asset><mesh name="pad" file="{long}.stl"/></asset>'))
+    with pytest.raises(AminnError, match=r"<mesh> names the file 9+\.stl, which is not there"):
+        read_mjcf(tmp_path / "hand.xml")
+    for place in (f"{long}.stl", f"package://{long}/x.stl"):
+        (tmp_path / "hand.urdf").write_text(urdf(tip=COLLISION.format(shape=f'<mesh filename="{place}"/>')))
+        with pytest.raises(AminnError, match="is not there"):
+            convert(tmp_path / "hand.urdf")
+
+
+def test_the_engine_writes_no_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Left alone it writes warnings into a file of the working folder."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "hand.xml").write_text(hand(joint='damping="nan"'))
+    with pytest.raises(AminnError, match="not finite"):
+        convert("hand.xml")
+    assert [file.name for file in tmp_path.iterdir()] == ["hand.xml"]
+
+
+CORNERS = "v 0 0 0\nv 0.01 0 0\nv 0 0.01 0\nv 0 0 0.01\n"
+FACES = "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+
+
+def msh(last: int, size: int = 4) -> bytes:
+    points, faces = [0, 0, 0, 0.01, 0, 0, 0, 0.01, 0, 0, 0, 0.01], [0, 2, 1, 0, 1, 3, 0, 3, 2, 1, 2, last]
+    return struct.pack("<4i12f12i", size, 0, 0, 4, *points, *faces)
+
+
+MESHES: dict[str, tuple[str, bytes, str]] = {
+    "two vertices": ("obj", b"v 0 0 0\nv 0 0 1\n", "it has 2 vertices, a mesh has 4 or more"),
+    "faces alone": ("obj", FACES.encode(), "it has 0 vertices"),
+    "an end in the middle": ("obj", f"v 0 0 0\n\0{CORNERS}{FACES}".encode(), "it has 1 vertices"),
+    "a vertex that is not there": ("obj", f"{CORNERS}{FACES}f 1 2 5\n".encode(), "line 9: a face names vertex '5'"),
+    "one far away": ("obj", f"{CORNERS}f 1 2 2000000000\n".encode(), "line 5: a face names vertex '2000000000'"),
+    "one too far back": ("obj", f"v 0 0 0\r\nf -1 -2 -1\r\n{CORNERS}".encode(), "line 2: a face names vertex '-2'"),
+    "a number that is none": ("obj", f"{CORNERS}f 1 2 x\n".encode(), "line 5: a face names vertex 'x'"),
+    "a coordinate that is not there": (
+        "obj",
+        f"{CORNERS}vt 0 0\n{FACES}f 1/1 2/2 3/1\n".encode(),
+        "line 10: a face names texture coordinate '2'",
+    ),
+    "a normal that is not there": ("obj", f"{CORNERS}{FACES}f 1//1 2 3\n".encode(), "line 9: a face names normal '1'"),
+    "a binary vertex that is not there": ("msh", msh(4), "a face names vertex 4, there are 0 to 3"),
+    "one before the first": ("msh", msh(-1), "a face names vertex -1"),
+    "another size": ("msh", msh(3, size=5), "its size is not what its first numbers say"),
+    "no size": ("msh", b"\0\0", "it is cut short"),
+}
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_a_mesh_names_what_is_there(name: str, tmp_path: Path) -> None:
+    """Found by `make fuzz-files`: MuJoCo 2.2.2 reads beyond its memory and ends the process."""
+    end, content, message = MESHES[name]
+    (tmp_path / f"pad.{end}").write_bytes(content)
+    (tmp_path / "hand.xml").write_text(hand(tops=f'<asset><mesh name="pad" file="pad.{end}"/></asset>'))
+    with pytest.raises(AminnError, match=rf"pad\.{end}: not a mesh that the engine can read: {re.escape(message)}"):
+        read_mjcf(tmp_path / "hand.xml")
+
+
+GOOD = {
+    "OBJ": ("pad.obj", f"# by hand\r\no pad\n{CORNERS}vt 0 0\nvn 0 0 1\nf 1/1/1 3 2//1\n{FACES[8:]}".encode()),
+    "OBJ from the end": ("pad.OBJ", f"{CORNERS}f -4 -2 -3\nf -4 -3 -1\nf -4 -1 -2\nf -3 -2 -1\n".encode()),
+    "MSH": ("pad.msh", msh(3)),
+}
+
+
+@pytest.mark.parametrize("name", GOOD)
+def test_good_meshes_are_taken(name: str, tmp_path: Path) -> None:
+    file, content = GOOD[name]
+    (tmp_path / file).write_bytes(content)
+    body = '<worldbody><body><joint/><geom type="mesh" mesh="pad"/><geom size="0.1"/></body></worldbody>'
+    (tmp_path / "x.xml").write_text(f'<mujoco><asset><mesh file="{file}"/></asset>{body}</mujoco>')
+    model = read_mjcf(tmp_path / "x.xml")
+    assert len(_core.Engine(text_of(model.root), model.assets).model("mesh_vert"))
+
+
+@pytest.mark.parametrize("face", ["0 1 9", "0 1 2000000000", "0 1 -1", "0 1 99999999999999999999", "0 1 x"])
+def test_a_mesh_in_the_model_names_what_is_there(face: str, tmp_path: Path) -> None:
+    mesh = f'<mesh name="pad" vertex="{MESH_VERTICES}" face="{face}"/>'
+    (tmp_path / "hand.xml").write_text(hand(tops=f"<asset>{mesh}</asset>"))
+    with pytest.raises(AminnError, match=r"hand\.xml: <mesh> 'pad': (a face names vertex|its faces are no whole)"):
+        read_mjcf(tmp_path / "hand.xml")
 
 
 def test_needs_no_opengl(tmp_path: Path) -> None:

@@ -102,6 +102,12 @@ def list_twice(path: Path) -> None:
     change_manifest(path, shards=json.loads((path / "manifest.json").read_text())["shards"] * 2)
 
 
+def name_too_long(path: Path) -> None:
+    """For any file system."""
+    entry = json.loads((path / "manifest.json").read_text())["shards"][0]
+    change_manifest(path, shards=[entry | {"file": "9" * 400}])
+
+
 def lose_a_grasp(path: Path) -> None:
     with h5py.File(path / "shard-00000.h5", "r+") as file:
         file["samples/grasp_id"][5] = 10_000
@@ -185,6 +191,7 @@ def test_a_selection_is_another_data_set(dataset: Dataset) -> None:
         (lambda p: shutil.copy(p / "shard-00000.h5", p / "shard-00007.h5"), "shard-00007.h5: the manifest does not"),
         (list_a_copy, "shard-00001.h5: holds grasp 0, which shard-00000.h5 holds too"),
         (list_twice, "shard-00000.h5: holds grasp 0, which shard-00000.h5 holds too"),
+        (name_too_long, "999: the manifest names this shard, but it is missing"),
         (lose_a_grasp, "samples of grasps that it does not hold"),
         (lambda p: change_manifest(p, n_grasps=3), "n_grasps of the manifest is 3, the shards hold 120"),
         (lambda p: change_manifest(p, n_samples=3), "n_samples of the manifest is 3"),

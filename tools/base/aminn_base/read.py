@@ -24,6 +24,14 @@ def read_bytes(path: AnyPath) -> bytes:
         raise AminnError(f"{path}: cannot be read ({error.strerror})") from error
 
 
+def is_file(path: AnyPath) -> bool:
+    """Whether a file is there. A name that another file tells may be none that a file system has, one too long."""
+    try:
+        return Path(path).is_file()
+    except OSError:
+        return False
+
+
 def read_text(path: AnyPath, content: bytes | None = None) -> str:
     """The text of a UTF-8 file, with or without a byte-order mark; whatever the locale says, lines end in LF.
 

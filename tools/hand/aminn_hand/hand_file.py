@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationError
 
 from aminn_base.errors import AminnError
-from aminn_base.read import complaint, read_toml
+from aminn_base.read import complaint, is_file, read_toml
 
 Vector3 = Annotated[tuple[float, float, float], Field()]
 Posture = dict[str, float]
@@ -158,6 +158,6 @@ def model_path(file: HandFile, path: Path | str) -> Path:
         model = Path(next(iter(found.submodule_search_locations))) / inside
     else:
         model = Path(path).parent / file.model
-    if not model.is_file():
+    if not is_file(model):
         raise AminnError(f"{path}: model names {model}, which is no file")
     return model.resolve()

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from aminn_base.errors import AminnError
 from aminn_base.hdf5 import read_field
 from aminn_base.lock import read_shared
-from aminn_base.read import AnyPath, read_json, require
+from aminn_base.read import AnyPath, is_file, read_json, require
 from aminn_base.seal import check_seal
 from aminn_hand import Hand
 from aminn_hand.hand import N_WRENCH
@@ -242,7 +242,7 @@ Shard = dict[str, dict[str, NDArray]]  # group -> field -> rows
 
 def _read_shard(folder: Path, entry: dict, groups: Shapes, optional: Shapes) -> Shard:
     path = folder / entry["file"]
-    if not path.is_file():
+    if not is_file(path):
         raise AminnError(f"{path}: the manifest names this shard, but it is missing; {ANEW}")
     content = read_shared(path)
     if hashlib.sha256(content).hexdigest() != entry["sha256"]:
