@@ -58,7 +58,11 @@ def test_wrong_files(tmp_path: Path, trust: dict) -> None:
     """A few seconds of `make fuzz-files`."""
     report, only = (
         tmp_path / "fuzz.json",
-        [w for name in ("manifest", "shard", "calibration", "grid", "table_hdf5") for w in ("--only", name)],
+        [
+            w
+            for name in ("manifest", "shard", "calibration", "grid", "table_hdf5", "convert_urdf")
+            for w in ("--only", name)
+        ],
     )
     run(str(HERE / "fuzz_files.py"), "--work", str(tmp_path / "work"), "--seconds", "5", "--report", str(report), *only)
     found = json.loads(report.read_text())
