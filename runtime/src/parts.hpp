@@ -15,6 +15,8 @@ bool in_training_range(const aminn_model_t &model, const float *state); // the f
 bool closure(const aminn_model_t &model, const float *q, const float *x_ht,
              const float (*contacts)[AMINN_N_CONTACT_FEATURE], float (*j_x)[3][AMINN_N_WRENCH],
              float (*j_q)[3][AMINN_N_COORD]);
+// as probe_arithmetic(), of the arithmetic of closure.cpp
+aminn_status_t probe_closure();
 
 // predict.cpp: AMINN_OK for a context that aminn_init has prepared, else AMINN_E_NULL or AMINN_E_NOT_INITIALISED
 aminn_status_t context_status(const aminn_t *ctx);

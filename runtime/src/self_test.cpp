@@ -69,6 +69,7 @@ aminn_status_t aminn_self_test(aminn_t *ctx)
         return status;
     }
     status = AMINN_ON_BEST_CORE(probe_arithmetic());
+    status = status == AMINN_OK ? probe_closure() : status;
     if (status != AMINN_OK) {
         return status;
     }

@@ -76,7 +76,7 @@ def symbols(lines: list[str]) -> dict[str, tuple[int, str]]:
 
 
 # Symbols that aminn_self_test() alone needs in an image without the loader of binary models.
-SELF_TEST = re.compile(r"aminn_self_test|probe_arithmetic|5probeEvE|5crc32E")
+SELF_TEST = re.compile(r"aminn_self_test|probe_arithmetic|probe_closure|5probeEvE|5crc32E")
 
 
 # Members of the archive, and a function beside them, that an image which calibrates nothing has none of.
