@@ -147,7 +147,7 @@ typedef char aminn_compile_without_fpack_struct[sizeof(struct aminn_layout) == 2
 #define AMINN_VERSION_STRING "0.1.0"
 
 /* Version of the model's layout, in memory and as a blob. A model of another version is refused. */
-#define AMINN_FORMAT_VERSION 10u
+#define AMINN_FORMAT_VERSION 11u
 
 /* ---- Dimensions ------------------------------------------------------------------------------------------------ */
 
@@ -292,7 +292,7 @@ typedef struct aminn_varied {
     const float *eps_m[AMINN_N_STAGE]; /* (B)             isotropic contact compliance of each stage, m/N, > 0 */
 } aminn_varied_t;
 
-/* Tables and constants of one stage. Widths: HC contact_width, H width. Lengths of the reference hand are in brackets.
+/* Tables and constants of one stage. Widths: HC contact_width, H that of the stage in width. Lengths of the reference hand are in brackets.
  * Weights are stored [input][output], so that the product is a sum of contiguous rows. Where they are int8, the tables that
  * end in _b are twice as long: behind the biases they have the size of each output's steps, > 0. Every pointer is to
  * read-only tables, normally in flash, aligned to 4 bytes. */
@@ -328,20 +328,20 @@ typedef struct aminn_model {
     uint32_t n_stiff;
     uint32_t n_tendon;
     uint32_t n_slide;
-    uint32_t n_told;              /* factors that the networks see: AMINN_N_FACTOR of a told model, else 0 */
-    uint32_t n_sensed;            /* numbers of sensors that they see: AMINN_N_SENSED of one that sees them, else 0 */
-    uint32_t contact_width;       /* HC, 1 .. AMINN_MAX_WIDTH */
-    uint32_t width;               /* H,  1 .. AMINN_MAX_WIDTH */
-    uint32_t classifier_width;    /* HD, 1 .. AMINN_MAX_WIDTH */
-    uint32_t dq0;                 /* AMINN_DQ0_STATICS or AMINN_DQ0_INVERSE */
-    uint32_t weight_type;         /* AMINN_WEIGHTS_FLOAT32, _FLOAT16 or _INT8: of the tables that end in _w */
-    uint32_t stages_crc;          /* CRC-32 of both stages' aminn_stage_debug_t for the known answer's state */
-    float length_scale;           /* makes rotations and translations comparable, m, > 0 */
-    float log_range;              /* springs stay within exp(+-log_range) of nominal, >= 0 */
-    float displacement_log_scale; /* m, > 0 */
-    float tau;                    /* the grasp holds if p_stable >= tau, 0 .. 1 */
-    float friction_nominal;       /* coefficient of friction where nothing is known of it, > 0 */
-    float max_translation;        /* a motion of contacts that can slide is cut to these, m and rad, > 0 */
+    uint32_t n_told;               /* factors that the networks see: AMINN_N_FACTOR of a told model, else 0 */
+    uint32_t n_sensed;             /* numbers of sensors that they see: AMINN_N_SENSED of one that sees them, else 0 */
+    uint32_t contact_width;        /* HC, 1 .. AMINN_MAX_WIDTH */
+    uint32_t width[AMINN_N_STAGE]; /* H of each stage, 1 .. AMINN_MAX_WIDTH */
+    uint32_t classifier_width;     /* HD, 1 .. AMINN_MAX_WIDTH */
+    uint32_t dq0;                  /* AMINN_DQ0_STATICS or AMINN_DQ0_INVERSE */
+    uint32_t weight_type;          /* AMINN_WEIGHTS_FLOAT32, _FLOAT16 or _INT8: of the tables that end in _w */
+    uint32_t stages_crc;           /* CRC-32 of both stages' aminn_stage_debug_t for the known answer's state */
+    float length_scale;            /* makes rotations and translations comparable, m, > 0 */
+    float log_range;               /* springs stay within exp(+-log_range) of nominal, >= 0 */
+    float displacement_log_scale;  /* m, > 0 */
+    float tau;                     /* the grasp holds if p_stable >= tau, 0 .. 1 */
+    float friction_nominal;        /* coefficient of friction where nothing is known of it, > 0 */
+    float max_translation;         /* a motion of contacts that can slide is cut to these, m and rad, > 0 */
     float max_rotation;
     float bound_edge[3];           /* bins of p_slide, ascending */
     float bound_factor[4];         /* that bound_95 is multiplied with in each bin, > 0 */
@@ -349,7 +349,7 @@ typedef struct aminn_model {
     uint8_t data_sha256[32];       /* trained on which data set: config_sha256 of its manifest; zeros: not known */
     const char *name;              /* given at export, else the symbol prefix; at most 55 characters, as hand */
     const char *hand;              /* name of the hand, and 8 digits of its constants' SHA-256 */
-    const char *made_by;           /* program and version that exported it, "aminn 0.1.0"; at most 43 characters */
+    const char *made_by;           /* program and version that exported it, "aminn 0.1.0"; at most 39 characters */
     const char *library;           /* AMINN_LIBRARY; null in a model that a blob holds */
     aminn_varied_t nominal;        /* of the hand as its description has it */
     const float *wrench_log_scale; /* (6)             N, N.m; > 0 */
@@ -365,14 +365,15 @@ typedef struct aminn_model {
     const float *range_max;    /* (STATE)         and largest; both widened by 5 % of the range */
     const float *aux_mean;     /* (AUX) [15]      stage 1's classifier: normalisation of what statics gives */
     const float *aux_inv_std;  /* (AUX) */
-    const void *cls1_w;        /* (H + AUX x HD)  input: trunk's output, then statics */
+    const void *cls1_w;        /* (H of stage 1 + AUX x HD)  input: trunk's output, then statics */
     const float *cls1_b;       /* (HD) */
     const void *cls2_w;        /* (HD) */
     const float *cls2_b;       /* (1) */
     const float *sure_mean;    /* (SURE) [1]      how sure stage 2 is: normalisation of what statics gives */
     const float *sure_inv_std; /* (SURE) */
-    const void *sure_w;  /* (H + SURE x 2)  input: trunk's output, then statics; logit of p_slide, log of bound_95 */
-    const float *sure_b; /* (2) */
+    const void
+        *sure_w; /* (H of stage 2 + SURE x 2)  input: trunk's output, then statics; logit of p_slide, log of bound_95 */
+    const float *sure_b;                           /* (2) */
     const struct aminn_known_answer *known_answer; /* a state, and the bits of its prediction */
     const aminn_storage_t *storage;                /* that of weight_type; null: float */
     aminn_stage_model_t stage[AMINN_N_STAGE];      /* 0: stage 1, 1: stage 2 */

@@ -29,7 +29,7 @@ struct Header {
     uint32_t n_told;
     uint32_t n_sensed;
     uint32_t contact_width;
-    uint32_t width;
+    uint32_t width[AMINN_N_STAGE];
     uint32_t classifier_width;
     uint32_t dq0;
     uint32_t weight_type;
@@ -49,7 +49,7 @@ struct Header {
     float eps_jq[AMINN_N_STAGE];
     char name[56];
     char hand[56];
-    char made_by[44];
+    char made_by[40];
 };
 static_assert(sizeof(Header) == 384, "header layout");
 constexpr size_t kCrcStart = offsetof(Header, content_crc);
@@ -128,11 +128,6 @@ const aminn_storage_t *storage_of(uint32_t weight_type)
                                                 : nullptr;
 }
 
-bool widths_sane(const aminn_model_t &m)
-{
-    return m.contact_width <= AMINN_MAX_WIDTH && m.width <= AMINN_MAX_WIDTH && m.classifier_width <= AMINN_MAX_WIDTH;
-}
-
 aminn_status_t load(const uint8_t *bytes, size_t len, aminn_model_t &m)
 {
     Header header;
@@ -141,7 +136,7 @@ aminn_status_t load(const uint8_t *bytes, size_t len, aminn_model_t &m)
         return status;
     }
     copy_constants(header, m);
-    if (!widths_sane(m)) { // before they are multiplied
+    if (!widths_ok(m)) { // before they are multiplied
         return AMINN_E_DIMS;
     }
     m.storage = storage_of(m.weight_type);

@@ -62,7 +62,7 @@ float *room_of(aminn_t &ctx)
 bool run_stage(aminn_t &ctx, int i, const Scene &scene, const aminn_input_t &in, StaticsSummary &summary)
 {
     const aminn_model_t &model = *ctx.model;
-    run_backbone(model, model.stage[i], in, ctx);
+    run_backbone(model, i, in, ctx);
 #if AMINN_LANES
     Branches springs[kEnd * kGroups];
 #else

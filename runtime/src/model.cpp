@@ -6,12 +6,6 @@
 namespace aminn {
 namespace {
 
-// zero from 1 to AMINN_MAX_WIDTH
-uint32_t beyond(uint32_t width)
-{
-    return (width - 1u) / AMINN_MAX_WIDTH;
-}
-
 // what a model must have from n_branch on
 constexpr uint8_t kDims[] = {AMINN_N_BRANCH, AMINN_N_COORD, AMINN_N_JOINT, AMINN_N_CONTACT_FEATURE, AMINN_N_WRENCH,
                              AMINN_N_GATED,  AMINN_N_TWIST, AMINN_N_STIFF, AMINN_N_TENDON,          AMINN_N_SLIDE};
@@ -26,7 +20,7 @@ bool dims_ok(const aminn_model_t &m)
     for (const uint8_t wanted : kDims) {
         wrong |= *dim++ ^ wanted;
     }
-    return (wrong | beyond(m.contact_width) | beyond(m.width) | beyond(m.classifier_width)) == 0;
+    return wrong == 0 && widths_ok(m);
 }
 
 // The top bit is set if one of these finite numbers is not above zero.

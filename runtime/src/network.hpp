@@ -45,11 +45,11 @@ AMINN_INLINE void make_network_input(const aminn_model_t &model, const aminn_inp
 }
 
 // ctx.feature = f, ctx.head = mechanics head of f
-static void run_backbone(const aminn_model_t &model, const aminn_stage_model_t &stage, const aminn_input_t &in,
-                         aminn_t &ctx)
+static void run_backbone(const aminn_model_t &model, int i, const aminn_input_t &in, aminn_t &ctx)
 {
+    const aminn_stage_model_t &stage = model.stage[i];
     const int hc = static_cast<int>(model.contact_width);
-    const int h = static_cast<int>(model.width);
+    const int h = static_cast<int>(model.width[i]);
     float *contact = ctx.layer_in + AMINN_MAX_WIDTH; // behind what the layer writes
     normalise(ctx.contact_input, stage.contact_mean, stage.contact_inv_std, AMINN_N_CONTACT_INPUT, contact);
     dense(model, stage.contact_w, stage.contact_b, contact, AMINN_N_CONTACT_INPUT, hc, kRectified, ctx.layer_in);
@@ -94,7 +94,7 @@ constexpr float kLeastMotion = 1e-12F; // m, so that no motion at all can be div
 // tool that turns many times round they say nothing, and rounding leaves little of that.
 static float classify(const aminn_model_t &model, const StaticsSummary &summary, const float *gate, aminn_t &ctx)
 {
-    const int h = static_cast<int>(model.width);
+    const int h = static_cast<int>(model.width[0]);
     const int hd = static_cast<int>(model.classifier_width);
     Row x;
     load_row(x, summary.x_s);
@@ -131,7 +131,7 @@ static float classify(const aminn_model_t &model, const StaticsSummary &summary,
 // logarithm. The bound is a multiple, of each bin of p_slide its own. False if they are no numbers.
 static bool doubt(const aminn_model_t &model, const StaticsSummary &summary, aminn_t &ctx, aminn_output_t &out)
 {
-    const int h = static_cast<int>(model.width);
+    const int h = static_cast<int>(model.width[1]);
     Row x;
     load_row(x, summary.x_s);
     float aux[AMINN_N_SURE] = {logarithm(1.0F + root(dot(x, x)) / model.displacement_log_scale)};

@@ -14,29 +14,29 @@ namespace aminn {
 // What a table's length is made of: rows times columns, each a number below 256, or that and a width of the model.
 enum Extent : uint16_t {
     kContactWidth = 1u << 8,
-    kWidth = 2u << 8,
-    kClassifierWidth = 3u << 8,
+    kWidth = 2u << 8, // of stage 1, that of stage 2 follows
+    kClassifierWidth = (2u + AMINN_N_STAGE) << 8,
     kTrunkInput = kContactWidth + AMINN_N_GLOBAL_INPUT,
     kClassifierInput = kWidth + AMINN_N_AUX,
-    kSureInput = kWidth + AMINN_N_SURE,
+    kSureInput = kWidth + (1u << 8) + AMINN_N_SURE,
 };
 
-constexpr unsigned kExtentBits = 10;
+constexpr unsigned kExtentBits = 11;
 
 enum Kind : uint8_t {
     kFloats = 0,
-    kWeights = 3,  // of the model's weight_type
-    kPositive = 4, // floats above zero
-    kSees = 8,     // the model's n_told and n_sensed more rows
-    kTold = 12,    // its n_told more rows
-    kBiases = 16,  // floats, and as many more above zero if the weights are int8
+    kPositive = 1, // floats above zero
+    kWeights = 2,  // of the model's weight_type
+    kBiases = 3,   // floats, and as many more above zero if the weights are int8
+    kSees = 4,     // floats, and the model's n_told and n_sensed more rows
+    kTold = 5,     // floats, its n_told more rows
     kSeesWeights = kSees | kWeights,
 };
 
 struct TableInfo {
     uint32_t place : 7;                 // of the pointer in aminn_model_t, in pointers
     uint32_t extents : 2 * kExtentBits; // rows, then columns unless that is one
-    uint32_t kind : 5;
+    uint32_t kind : 3;
 };
 static_assert(sizeof(aminn_model_t) / sizeof(void *) < 128, "a place has 7 bits");
 static_assert(AMINN_N_HEAD_STORED < kContactWidth && AMINN_N_CONTACT_INPUT < kContactWidth, "an extent has 8 bits");
@@ -45,18 +45,20 @@ static_assert(1 + AMINN_N_STIFF < kContactWidth, "an extent has 8 bits: AMINN_N_
 
 #define AMINN_TABLE(field, rows, columns, kind) \
     {offsetof(aminn_model_t, field) / sizeof(void *), (rows) | ((columns) == 1 ? 0u : (columns) << kExtentBits), kind}
-#define AMINN_STAGE_TABLES(i)                                                                                         \
-    AMINN_TABLE(nominal.eps_m[i], AMINN_N_BRANCH, 1, kPositive),                                                      \
-        AMINN_TABLE(stage[i].contact_mean, AMINN_N_CONTACT_INPUT, 1, kFloats),                                        \
-        AMINN_TABLE(stage[i].contact_inv_std, AMINN_N_CONTACT_INPUT, 1, kFloats),                                     \
-        AMINN_TABLE(stage[i].global_mean, AMINN_N_GLOBAL_INPUT, 1, kSees),                                            \
-        AMINN_TABLE(stage[i].global_inv_std, AMINN_N_GLOBAL_INPUT, 1, kSees),                                         \
-        AMINN_TABLE(stage[i].contact_w, AMINN_N_CONTACT_INPUT, kContactWidth, kWeights),                              \
-        AMINN_TABLE(stage[i].contact_b, kContactWidth, 1, kBiases),                                                   \
-        AMINN_TABLE(stage[i].trunk1_w, kTrunkInput, kWidth, kSeesWeights),                                            \
-        AMINN_TABLE(stage[i].trunk1_b, kWidth, 1, kBiases), AMINN_TABLE(stage[i].trunk2_w, kWidth, kWidth, kWeights), \
-        AMINN_TABLE(stage[i].trunk2_b, kWidth, 1, kBiases),                                                           \
-        AMINN_TABLE(stage[i].head_w, kWidth, AMINN_N_HEAD_STORED, kWeights),                                          \
+#define AMINN_WIDTH(i) (kWidth + ((i) << 8))
+#define AMINN_STAGE_TABLES(i)                                                            \
+    AMINN_TABLE(nominal.eps_m[i], AMINN_N_BRANCH, 1, kPositive),                         \
+        AMINN_TABLE(stage[i].contact_mean, AMINN_N_CONTACT_INPUT, 1, kFloats),           \
+        AMINN_TABLE(stage[i].contact_inv_std, AMINN_N_CONTACT_INPUT, 1, kFloats),        \
+        AMINN_TABLE(stage[i].global_mean, AMINN_N_GLOBAL_INPUT, 1, kSees),               \
+        AMINN_TABLE(stage[i].global_inv_std, AMINN_N_GLOBAL_INPUT, 1, kSees),            \
+        AMINN_TABLE(stage[i].contact_w, AMINN_N_CONTACT_INPUT, kContactWidth, kWeights), \
+        AMINN_TABLE(stage[i].contact_b, kContactWidth, 1, kBiases),                      \
+        AMINN_TABLE(stage[i].trunk1_w, kTrunkInput, AMINN_WIDTH(i), kSeesWeights),       \
+        AMINN_TABLE(stage[i].trunk1_b, AMINN_WIDTH(i), 1, kBiases),                      \
+        AMINN_TABLE(stage[i].trunk2_w, AMINN_WIDTH(i), AMINN_WIDTH(i), kWeights),        \
+        AMINN_TABLE(stage[i].trunk2_b, AMINN_WIDTH(i), 1, kBiases),                      \
+        AMINN_TABLE(stage[i].head_w, AMINN_WIDTH(i), AMINN_N_HEAD_STORED, kWeights),     \
         AMINN_TABLE(stage[i].head_b, AMINN_N_HEAD_STORED, 1, kBiases)
 
 inline constexpr TableInfo kTables[] = {
@@ -94,8 +96,20 @@ inline constexpr TableInfo kTables[] = {
 };
 
 static_assert(offsetof(aminn_model_t, width) - offsetof(aminn_model_t, contact_width) == sizeof(uint32_t) &&
-                  offsetof(aminn_model_t, classifier_width) - offsetof(aminn_model_t, width) == sizeof(uint32_t),
+                  offsetof(aminn_model_t, classifier_width) - offsetof(aminn_model_t, width) ==
+                      AMINN_N_STAGE * sizeof(uint32_t),
               "the widths stand one behind the other");
+static_assert(kClassifierWidth <= 7u << 8, "an extent's width has 3 bits");
+
+// Every width is from 1 to AMINN_MAX_WIDTH.
+[[gnu::noinline]] inline bool widths_ok(const aminn_model_t &m)
+{
+    uint32_t beyond = 0;
+    for (const uint32_t *width = &m.contact_width; width <= &m.classifier_width; ++width) {
+        beyond |= (*width - 1u) / AMINN_MAX_WIDTH;
+    }
+    return beyond == 0;
+}
 
 // A table of a model.
 struct Table {
@@ -111,10 +125,11 @@ struct Table {
     __builtin_memcpy(&table.numbers, reinterpret_cast<const char *>(&m) + info.place * sizeof(void *), sizeof(void *));
     uint32_t n = 1;
     uint32_t extents = info.extents;
-    uint32_t width = (info.kind & kSees) != 0 ? m.n_told : 0u;
-    width += (info.kind & kTold) == kSees ? m.n_sensed : 0u;
+    const uint32_t plain = info.kind & 1u; // in each pair of kinds
+    uint32_t width = info.kind >= kSees ? m.n_told : 0u;
+    width += info.kind >= kSees && plain == 0 ? m.n_sensed : 0u;
     do {
-        const uint32_t which = extents / kContactWidth % 4;
+        const uint32_t which = extents / kContactWidth % 8;
         if (which != 0) {
             const size_t place = offsetof(aminn_model_t, contact_width) + sizeof width * (which - 1);
             uint32_t own = 0;
@@ -131,7 +146,7 @@ struct Table {
         n += n;
     }
     table.n = n;
-    table.size = sizeof(float) >> (info.kind & kWeights & m.weight_type);
+    table.size = sizeof(float) >> ((info.kind & kWeights) != 0 && plain == 0 ? m.weight_type & 3u : 0u);
 }
 
 // Each table of a blob begins at a multiple of this, counted from the blob's start: a row of weights then lies in as few

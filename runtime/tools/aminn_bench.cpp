@@ -3,8 +3,8 @@
  *
  *   aminn_bench MODEL.bin VECTORS.bin ROUNDS ONNXRUNTIME.so AMINN.onnx MLP.onnx
  *
- * Compiled for the widths of one model (-DHC= -DTRUNK= -DH= -DHD=; TRUNK: inputs of the trunk), so that Eigen knows the
- * sizes. Every round times each subject on samples of the vector file, one call a sample, one thread; the subjects take turns, so that a change of clock rate or
+ * Compiled for the widths of one model (-DHC= -DTRUNK= -DH1= -DH2= -DHD=; TRUNK: inputs of a trunk), so that Eigen knows
+ * the sizes. Every round times each subject on samples of the vector file, one call a sample, one thread; the subjects take turns, so that a change of clock rate or
  * a busy machine meets all of them. Prints one JSON object with, for each subject, the median and the least of its times in
  * a round (microseconds a call), and the medians of the ratios within a round. Exits with 1 and a message on a bad file.
  */
@@ -133,9 +133,9 @@ struct Products {
     int in, out;
 };
 constexpr int kBackbone = 4;
-constexpr Products kProducts[] = {{AMINN_N_CONTACT_INPUT, HC}, {TRUNK, H}, {H, H}, {H, AMINN_N_HEAD},
-                                  {AMINN_N_CONTACT_INPUT, HC}, {TRUNK, H}, {H, H}, {H, AMINN_N_HEAD},
-                                  {H + AMINN_N_AUX, HD},       {HD, 1}};
+constexpr Products kProducts[] = {{AMINN_N_CONTACT_INPUT, HC}, {TRUNK, H1}, {H1, H1}, {H1, AMINN_N_HEAD},
+                                  {AMINN_N_CONTACT_INPUT, HC}, {TRUNK, H2}, {H2, H2}, {H2, AMINN_N_HEAD},
+                                  {H1 + AMINN_N_AUX, HD},      {HD, 1}};
 constexpr int kCount = sizeof kProducts / sizeof kProducts[0];
 alignas(64) float x[256];
 alignas(64) float y[256];
@@ -150,15 +150,20 @@ void eigen_product(int i)
     out.noalias() = w * v;
 }
 
+template <int kWidth>
+void eigen_backbone(int first)
+{
+    eigen_product<AMINN_N_CONTACT_INPUT, HC>(first);
+    eigen_product<TRUNK, kWidth>(first + 1);
+    eigen_product<kWidth, kWidth>(first + 2);
+    eigen_product<kWidth, AMINN_N_HEAD>(first + 3);
+}
+
 void eigen_fixed(size_t)
 {
-    for (int stage = 0; stage < AMINN_N_STAGE; ++stage) {
-        eigen_product<AMINN_N_CONTACT_INPUT, HC>(kBackbone * stage);
-        eigen_product<TRUNK, H>(kBackbone * stage + 1);
-        eigen_product<H, H>(kBackbone * stage + 2);
-        eigen_product<H, AMINN_N_HEAD>(kBackbone * stage + 3);
-    }
-    eigen_product<H + AMINN_N_AUX, HD>(2 * kBackbone);
+    eigen_backbone<H1>(0);
+    eigen_backbone<H2>(kBackbone);
+    eigen_product<H1 + AMINN_N_AUX, HD>(2 * kBackbone);
     y[0] = Eigen::Map<const Eigen::Matrix<float, HD, 1>>(weights[2 * kBackbone + 1].data())
                .dot(Eigen::Map<const Eigen::Matrix<float, HD, 1>>(x));
 }
@@ -352,9 +357,9 @@ int main(int argc, char **argv)
         return 2;
     }
     open_model(argv[1], &model);
-    if (model.contact_width != HC || model.width != H || model.classifier_width != HD) {
-        die("compiled for widths %d, %d, %d; the model has %u, %u, %u", HC, H, HD, model.contact_width, model.width,
-            model.classifier_width);
+    if (model.contact_width != HC || model.width[0] != H1 || model.width[1] != H2 || model.classifier_width != HD) {
+        die("compiled for widths %d, %d, %d, %d; the model has %u, %u, %u, %u", HC, H1, H2, HD, model.contact_width,
+            model.width[0], model.width[1], model.classifier_width);
     }
     const vector_header_t *vectors = open_vectors(argv[2]);
     samples = reinterpret_cast<const float *>(vectors + 1);

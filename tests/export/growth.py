@@ -23,6 +23,7 @@ from aminn_base.files import write_atomically, write_json
 from aminn_base.program import Messages
 from aminn_export.export import write_model_files
 from aminn_export.files.bin_model import model_crc
+from aminn_export.files.layout import Widths
 from aminn_export.judge.cost import ROOT, Subject, on_cortex_m7, time_of, timed_program
 from aminn_export.samples.golden import GOLDEN_FILE
 from aminn_export.samples.reference import Reference
@@ -31,7 +32,8 @@ from aminn_hand.hand import OUTPUTS
 
 BRANCHES = (2, 3, 4, 5)
 USUAL_BRANCHES = 3
-USUAL_WIDTHS = (BASE.model.width, BASE.model.contact_width, BASE.model.classifier_width)
+USUAL_WIDTHS = (*BASE.model.width, BASE.model.contact_width, BASE.model.classifier_width)
+EVEN_WIDTHS = [widths for widths in WIDTHS if widths[0] == widths[1]]
 SAMPLES, TURNS = 48, 7
 COSTS = ("instructions", "us")
 LIMITS = {"branches": 1.0, "width": 2.0}
@@ -39,11 +41,11 @@ LIMITS = {"branches": 1.0, "width": 2.0}
 Figures = dict[str, float | int | str]
 
 
-def subject(name: str, branches: int, widths: tuple[int, int, int], work: Path) -> Subject:
+def subject(name: str, branches: int, widths: tuple[int, int, int, int], work: Path) -> Subject:
     """The files of a random model, with states to predict."""
     hand = made_up((3,) * branches, (1,) * branches, f"{branches}_branches")
-    trunk, contacts, classifier = widths
-    model = random_model(hand, slides=True, sensing=True, widths=(contacts, trunk, classifier))
+    *trunks, contacts, classifier = widths
+    model = random_model(hand, slides=True, sensing=True, widths=Widths(contacts, *trunks, classifier))
     inputs = random_states(hand, SAMPLES)
     folder = work / name
     folder.mkdir()
@@ -64,7 +66,7 @@ def slope(sizes: list[int], costs: list[float]) -> float:
 def growth(work: Path) -> Figures:
     """Figures of every model, and the slopes."""
     wanted = {f"{b}_branches": (b, USUAL_WIDTHS) for b in BRANCHES}
-    wanted |= {f"width_{widths[0]}": (USUAL_BRANCHES, widths) for widths in WIDTHS}
+    wanted |= {f"width_{widths[0]}": (USUAL_BRANCHES, widths) for widths in EVEN_WIDTHS}
     found = [subject(name, *size, work) for name, size in wanted.items()]
     figures: Figures = {}
     for one in found:
@@ -79,8 +81,8 @@ def growth(work: Path) -> Figures:
     for cost in COSTS:
         of_branches = [float(figures[f"{b}_branches_{cost}"]) for b in BRANCHES]
         figures[f"branches_{cost}_slope"] = slope(list(BRANCHES), of_branches)
-        of_width = [float(figures[f"width_{w[0]}_{cost}"]) for w in WIDTHS]
-        figures[f"width_{cost}_slope"] = slope([w[0] for w in WIDTHS], of_width)
+        of_width = [float(figures[f"width_{w[0]}_{cost}"]) for w in EVEN_WIDTHS]
+        figures[f"width_{cost}_slope"] = slope([w[0] for w in EVEN_WIDTHS], of_width)
     missed = [f"{of}_{cost}_slope" for of, most in LIMITS.items() for cost in COSTS
               if float(figures[f"{of}_{cost}_slope"]) > most]  # fmt: skip
     return {f"growth_{name}": value for name, value in figures.items()} | {"growth_aims_missed": ", ".join(missed)}
@@ -90,7 +92,7 @@ def table(figures: Figures) -> str:
     """The table of docs/runtime.md."""
     head = ("model", "multiply-accumulates", "instructions, Cortex-M7", "host, us", "context, B", "worst stack, B")
     lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
-    for name in [f"{b}_branches" for b in BRANCHES] + [f"width_{w[0]}" for w in WIDTHS]:
+    for name in [f"{b}_branches" for b in BRANCHES] + [f"width_{w[0]}" for w in EVEN_WIDTHS]:
         cells = [figures[f"growth_{name}_{key}"] for key in ("multiply_accumulates", "instructions")]
         cells += [f"{figures[f'growth_{name}_us']:.2f}"]
         cells += [figures[f"growth_{name}_{key}"] for key in ("context_bytes", "stack_bytes")]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from runtime_models import SLIDES, UNCUT
 
 from aminn.hand.nominal import nominal_of, stiffness_terms
+from aminn_export.files.layout import Widths
 from aminn_export.files.ranges import state_ranges
 from aminn_export.files.tables import HAND, STAGES, dims_of
 from aminn_export.samples.reference import Reference
@@ -21,8 +22,8 @@ from aminn_sim.understand import understand
 
 SHIPPED = default_hand_file().parent / "hands"
 REFERENCE_HAND = "three_finger_hand"
-WIDTHS = (16, 24, 12)
-"""Of contact summary, trunk and classifier."""
+WIDTHS = Widths(16, 24, 24, 12)
+UNEVEN = Widths(16, 20, 24, 12)
 SOFT = ContactModel("soft_finger", 0.003)
 POINTS = ContactModel("point", 0.0)
 WRENCH_LOG_SCALE = (0.1, 0.1, 0.1, 0.005, 0.005, 0.005)
@@ -137,7 +138,7 @@ def random_model(
     told: bool = False,
     slides: bool | None = None,
     sensing: bool = False,
-    widths: tuple[int, int, int] = WIDTHS,
+    widths: Widths = WIDTHS,
 ) -> Model:
     """Random weights on the hand's nominal mechanics; eps_m differs by branch and stage as the hand's does.
 
@@ -145,14 +146,14 @@ def random_model(
     """
     if slides is None:
         slides = SLIDES and hand.name == REFERENCE_HAND
-    rng, (hc, h, hd) = np.random.default_rng(seed), widths
+    rng, (hc, *trunks, hd) = np.random.default_rng(seed), widths
     x = random_states(hand, 200, seed + 1)
     tensors = _nominal(hand)
     counts = {"tendons": hand.dims.tendons, "slides": slides, "sensing": sensing}
     dims = replace(dims_of(Model(counts, tensors)), factors=Theta(hand).factors if told else 0)
-    sizes = {"contact": (hc, dims.contact_input), "trunk1": (h, hc + dims.global_input), "trunk2": (h, h)}
-    sizes["head"] = (dims.head, h)
-    for stage in STAGES:
+    for stage, h in zip(STAGES, trunks, strict=True):
+        sizes = {"contact": (hc, dims.contact_input), "trunk1": (h, hc + dims.global_input), "trunk2": (h, h)}
+        sizes["head"] = (dims.head, h)
         for layer, shape in sizes.items():
             tensors[f"{stage}.{layer}_w"] = _random_table(rng, f"{layer}_w", shape)
             tensors[f"{stage}.{layer}_b"] = _random_table(rng, f"{layer}_b", shape[:1])
@@ -160,10 +161,10 @@ def random_model(
         found["global_mean"] = np.append(found["global_mean"], np.full(dims.factors + dims.sensing, 0.05))
         found["global_inv_std"] = np.append(found["global_inv_std"], np.full(dims.factors + dims.sensing, 3.0))
         tensors |= {f"{stage}.{k}": v for k, v in found.items()}
-    for layer, shape in {"cls1": (hd, h + dims.aux), "cls2": (1, hd)}.items():
+    for layer, shape in {"cls1": (hd, widths.stage1 + dims.aux), "cls2": (1, hd)}.items():
         tensors[f"s1.{layer}_w"] = _random_table(rng, f"{layer}_w", shape)
         tensors[f"s1.{layer}_b"] = _random_table(rng, f"{layer}_b", shape[:1])
-    tensors["s2.sure_w"] = _random_table(rng, "sure_w", (2, h + dims.sure))
+    tensors["s2.sure_w"] = _random_table(rng, "sure_w", (2, widths.stage2 + dims.sure))
     tensors["s2.sure_b"] = _random_table(rng, "sure_b", (2,)) + np.array([0.0, -7.0])
     tensors["s2.sure_mean"], tensors["s2.sure_inv_std"] = np.full(dims.sure, 0.5), np.full(dims.sure, 0.7)
     gates = dims.aux - 12 - dims.slid
@@ -176,7 +177,7 @@ def random_model(
     meta = {
         "format_version": 1,
         "contact_width": hc,
-        "width": h,
+        "width": trunks,
         "classifier_width": hd,
         "length_scale": hand.length_m,
         "log_range": 2.0,

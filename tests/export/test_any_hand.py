@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import onnx
 import pytest
-from hands import HANDS, Model, made_up, random_model, random_states, same_eps_m
+from hands import HANDS, UNEVEN, Model, made_up, random_model, random_states, same_eps_m
 
 from aminn.evaluation.metrics import holds
 from aminn_base.errors import AminnError
@@ -33,7 +33,7 @@ def hand(request: pytest.FixtureRequest) -> Iterator[Hand]:
 
 @pytest.fixture(scope="module")
 def model(hand: Hand) -> Model:
-    return random_model(hand, 1)
+    return random_model(hand, 1, widths=UNEVEN)
 
 
 @pytest.fixture(scope="module")

@@ -130,7 +130,7 @@ STRANGE = {
     "a value that is not UTF-8": ONNX.replace(b'"finger1_roll"', b'"finger1\xffroll"'),
     "a key that is not UTF-8": ONNX.replace(b"\x0a\x03tau", b"\x0a\x03t\xffu"),
     "an input that is not UTF-8": ONNX.replace(b"x_ht", b"x_h\xff"),
-    "no JSON": ONNX.replace(b"\x0a\x03tau\x12\x110.", b"\x0a\x03tau\x12\x11{."),
+    "no JSON": re.sub(rb"(\x0a\x03tau\x12.)0\.", rb"\1{.", ONNX, flags=re.DOTALL),
     "no tau": ONNX.replace(b"\x0a\x03tau", b"\x0a\x03rho"),
 }
 

@@ -20,7 +20,7 @@ from aminn_base.errors import AminnError
 from aminn_export.export import export
 from aminn_export.files.bin_model import bin_model_bytes, read_bin_model
 from aminn_export.files.c_names import check_prefix
-from aminn_export.files.layout import in_steps, layout_of, of_steps, tensor_order
+from aminn_export.files.layout import Widths, in_steps, layout_of, of_steps, tensor_order
 from aminn_export.files.onnx_model import read_metadata
 from aminn_export.files.tables import dims_of
 from aminn_export.judge.verify import check_golden
@@ -124,7 +124,7 @@ def test_no_name_of_the_runtime_is_free_or_made() -> None:
     runtime = Path(__file__).resolve().parents[2] / "runtime" / "include"
     text = "".join((runtime / name).read_text() for name in ("aminn_hand.h", "aminn_rt.h", "aminn_rt.hpp"))
     names = set(re.findall(r"\b(?i:aminn)\w*", text)) - {"aminn_model", "aminn_model_"}  # these are of the example
-    order = tensor_order(dims_of(random_model(0)), 1, 1, 1)
+    order = tensor_order(dims_of(random_model(0)), Widths(1, 1, 1, 1))
     fields = {f"{owner}_{field}" if owner else field for owner, field, _ in order} | {"known_answer"}
     assert len(names) > 60
     for name in sorted(names):
@@ -265,14 +265,14 @@ def test_steps_of_int8_weights_are_exact_and_to_nearest() -> None:
 
 @pytest.mark.parametrize("weights", ["float16", "int8"])
 def test_weights_that_were_not_rounded_are_refused(weights: str) -> None:
-    model = random_model(2, widths=(4, 5, 6))
+    model = random_model(2, widths=Widths(4, 5, 5, 6))
     model.meta["weights"] = weights
     with pytest.raises(AminnError, match=f"contact_w is not representable in {weights}; round it first"):
         layout_of(model)
 
 
 def test_a_weight_too_large_for_float16_is_refused() -> None:
-    model = random_model(2, widths=(4, 5, 6))
+    model = random_model(2, widths=Widths(4, 5, 5, 6))
     model.tensors["s2.trunk1_w"][0, 0] = 7e4
     with pytest.raises(AminnError, match=r"s2\.trunk1_w holds a weight beyond 65504"):
         ROUNDED["float16"](model)

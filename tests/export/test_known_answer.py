@@ -128,7 +128,7 @@ def test_hand_and_data_are_those_of_the_training(checkpoint_dir: Path) -> None:
     ("change", "message"),
     [
         ({"name": "x" * 56}, "at most 55"),
-        ({"made_by": "x" * 44}, "at most 43"),
+        ({"made_by": "x" * 40}, "at most 39"),
         ({"name": ""}, "printable ASCII"),
         ({"name": "hände"}, "printable ASCII"),
         ({"hand": 'a"b'}, "printable ASCII"),

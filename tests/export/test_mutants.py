@@ -22,7 +22,7 @@ from runtime_models import random_inputs, random_model
 
 from aminn_export.export import write_model_files
 from aminn_export.files.bin_model import BinModel, model_crc, read_bin_model, write_bin_model
-from aminn_export.files.layout import layout_of, tensor_name
+from aminn_export.files.layout import Widths, layout_of, tensor_name
 from aminn_export.files.packing import room
 from aminn_export.files.tables import Exported, dims_of
 from aminn_export.judge.compare import compare_files
@@ -81,7 +81,7 @@ def judge(build_dir: Path) -> Callable[..., int]:
 @pytest.fixture(scope="module")
 def small(tmp_path_factory: pytest.TempPathFactory, build_dir: Path) -> Path:
     """A folder with a small model, its vectors and its results."""
-    folder, model = tmp_path_factory.mktemp("small"), random_model(5, widths=(4, 6, 5))
+    folder, model = tmp_path_factory.mktemp("small"), random_model(5, widths=Widths(4, 7, 6, 5))
     write_model_files(model, folder, "aminn_model")
     drawn = random_inputs(4 * N_SMALL, 8)
     # limits of a tool that swings are wide, and of contacts that use all of their friction many times over

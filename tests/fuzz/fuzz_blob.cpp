@@ -34,7 +34,7 @@ void check_accepted(const uint8_t *data, size_t size)
     constexpr float kLeast = 1e-45F;
     constexpr float kMost = 3.40282347e38F;
     FUZZ_CHECK(is_sealed(data, size));
-    for (const uint32_t width : {model.contact_width, model.width, model.classifier_width}) {
+    for (const uint32_t width : {model.contact_width, model.width[0], model.width[1], model.classifier_width}) {
         FUZZ_CHECK(width >= 1 && width <= AMINN_MAX_WIDTH);
     }
     FUZZ_CHECK(in_range(model.tau, 0.0F, 1.0F) && in_range(model.length_scale, kLeast, kMost) &&
@@ -97,11 +97,11 @@ void mutate_slice(uint8_t *data, size_t size, Random &random)
 // other widths, and as many bytes as these need: the old ones, repeated
 size_t change_widths(uint8_t *data, size_t size, size_t max_size, Random &random)
 {
-    uint32_t widths[3];
+    uint32_t widths[kWidths];
     std::memcpy(widths, data + kBlobWidths, sizeof widths);
-    widths[below(random, 3)] = static_cast<uint32_t>(1 + below(random, below(random, 32) != 0 ? 8 : 129));
+    widths[below(random, kWidths)] = static_cast<uint32_t>(1 + below(random, below(random, 32) != 0 ? 8 : 129));
     std::memcpy(data + kBlobWidths, widths, sizeof widths);
-    if (size == kBlobHeader || widths[0] > 129 || widths[1] > 129 || widths[2] > 129) {
+    if (size == kBlobHeader || *std::max_element(widths, widths + kWidths) > 129) {
         return size;
     }
     const size_t wanted = kBlobHeader + table_bytes(widths);

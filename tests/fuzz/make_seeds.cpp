@@ -52,14 +52,14 @@ void write_models(const std::filesystem::path &folder)
     write_model(folder / "tiny", blob_of(tiny_model));
     write_model(folder / "byte", blob_of(byte_model));
     aminn_model_t model = tiny_model;
-    model.contact_width = model.width = model.classifier_width = 1;
+    model.contact_width = model.width[0] = model.width[1] = model.classifier_width = 1;
     model.dq0 = AMINN_DQ0_STATICS;
     write_model(folder / "smallest", blob_of(model));
     model.dq0 = AMINN_DQ0_INVERSE;
     model.stage[0].eps_jq = model.stage[1].eps_jq = 1e-3F;
     write_model(folder / "inverse", blob_of(model));
     model = half_model;
-    model.contact_width = model.width = model.classifier_width = 2;
+    model.contact_width = model.width[0] = model.width[1] = model.classifier_width = 2;
     write_model(folder / "half", blob_of(model));
 }
 

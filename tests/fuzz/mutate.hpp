@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <cstring>
 #include <random>
 
 #include "tables.hpp"
@@ -29,13 +30,13 @@ void seal_blob(uint8_t *data, size_t size);
 // Whether mark, size and CRC-32 are those of the bytes.
 bool is_sealed(const uint8_t *data, size_t size);
 
+constexpr size_t kWidths = 2 + AMINN_N_STAGE; // contact_width, width, classifier_width
+
 // Bytes behind the header of a blob with these widths and float32 weights.
-inline size_t table_bytes(const uint32_t widths[3])
+inline size_t table_bytes(const uint32_t widths[kWidths])
 {
     aminn_model_t model = {};
-    model.contact_width = widths[0];
-    model.width = widths[1];
-    model.classifier_width = widths[2];
+    std::memcpy(&model.contact_width, widths, kWidths * sizeof *widths);
     size_t bytes = 0;
     for (const aminn::TableInfo &table : aminn::kTables) {
         bytes += aminn::table_room(model, table);
@@ -44,9 +45,9 @@ inline size_t table_bytes(const uint32_t widths[3])
 }
 
 constexpr size_t kBlobHeader = 384;
-constexpr size_t kBlobWidths = 68;  // contact_width, width, classifier_width
-constexpr size_t kBlobScalars = 92; // 14 floats
-constexpr size_t kBlobEps = 212;    // 4 floats
+constexpr size_t kBlobWidths = 68;
+constexpr size_t kBlobScalars = 96; // 14 floats
+constexpr size_t kBlobEps = 216;    // 4 floats
 
 } // namespace fuzz
 

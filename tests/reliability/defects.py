@@ -55,10 +55,11 @@ DEFECTS = (
     Defect("bytes_behind_the_tables", "src/blob.cpp", "return at == len;", "return at <= len;", "fuzz_blob"),
     Defect(
         "width_zero_passes",
-        "src/model.cpp",
-        "(width - 1u) / AMINN_MAX_WIDTH",
-        "width / (AMINN_MAX_WIDTH + 1u)",
+        "src/tables.hpp",
+        "(*width - 1u) / AMINN_MAX_WIDTH",
+        "*width / (AMINN_MAX_WIDTH + 1u)",
         "fuzz_blob",
+        ("src/model.cpp", "src/blob.cpp"),
     ),
     Defect(
         "threshold_above_one_passes",

@@ -30,29 +30,14 @@ inline void put_name(Bytes &bytes, const char *name, size_t room)
 inline void put_header(Bytes &bytes, const aminn_model_t &m)
 {
     constexpr uint32_t kMagic = 0x4D4E4D41u; // "AMNM"
-    for (uint32_t v : {kMagic,
-                       m.format_version,
-                       0u,
-                       0u,
-                       m.content_crc,
-                       m.n_branch,
-                       m.n_coord,
-                       m.n_joint,
-                       m.n_contact_feature,
-                       m.n_wrench,
-                       m.n_gated,
-                       m.n_twist,
-                       m.n_stiff,
-                       m.n_tendon,
-                       m.n_slide,
-                       m.n_told,
-                       m.n_sensed,
-                       m.contact_width,
-                       m.width,
-                       m.classifier_width,
-                       m.dq0,
-                       m.weight_type,
-                       m.stages_crc}) {
+    for (uint32_t v : {kMagic,     m.format_version, 0u,
+                       0u,         m.content_crc,    m.n_branch,
+                       m.n_coord,  m.n_joint,        m.n_contact_feature,
+                       m.n_wrench, m.n_gated,        m.n_twist,
+                       m.n_stiff,  m.n_tendon,       m.n_slide,
+                       m.n_told,   m.n_sensed,       m.contact_width,
+                       m.width[0], m.width[1],       m.classifier_width,
+                       m.dq0,      m.weight_type,    m.stages_crc}) {
         put(bytes, v);
     }
     for (float v : {m.length_scale, m.log_range, m.displacement_log_scale, m.tau, m.friction_nominal, m.max_translation,
@@ -68,7 +53,7 @@ inline void put_header(Bytes &bytes, const aminn_model_t &m)
     }
     put_name(bytes, m.name, 56);
     put_name(bytes, m.hand, 56);
-    put_name(bytes, m.made_by, 44);
+    put_name(bytes, m.made_by, 40);
 }
 
 // Size and CRC-32 in a blob's header made right (the fuzz targets do it faster, for millions of blobs).

@@ -11,11 +11,12 @@
 namespace hand_case {
 
 constexpr int B = AMINN_N_BRANCH, C = AMINN_N_COORD, G = AMINN_N_GATED;
-constexpr int kPacked = AMINN_N_CHOLESKY, kContactWidth = 9, kWidth = 16, kClassifier = 7;
+constexpr int kPacked = AMINN_N_CHOLESKY, kContactWidth = 9, kClassifier = 7;
+constexpr int kWidths[] = {11, 16}, kWidth = kWidths[1]; // of stage 1 and 2, the wider one
 /* networks of some hands see the factors of theta, of some sensors, of some both */
 constexpr int kTold = C != 3 ? AMINN_N_FACTOR : 0, kSensed = AMINN_N_SLIDE > 0 ? AMINN_N_SENSED : 0;
 constexpr int kGlobal = AMINN_N_GLOBAL_INPUT + kTold + kSensed;
-constexpr int kTrunkInput = kContactWidth + kGlobal, kClassifierInput = kWidth + AMINN_N_AUX;
+constexpr int kTrunkInput = kContactWidth + kGlobal, kClassifierInput = kWidths[0] + AMINN_N_AUX;
 constexpr int kSureInput = kWidth + AMINN_N_SURE;
 static_assert(AMINN_N_STIFF == AMINN_N_JOINT, "a stiffness for each joint");
 /* where a tendon's numbers stand in the head, in rows of B (aminn_rt.h has the order) */
@@ -184,7 +185,7 @@ inline void make_model(Tables &t, aminn_model_t &m)
     make_stage(random, t.stage[0], m.stage[0], 0.1F);
     make_stage(random, t.stage[1], m.stage[1], 0.05F);
     m.contact_width = kContactWidth;
-    m.width = kWidth;
+    std::memcpy(m.width, kWidths, sizeof m.width);
     m.classifier_width = kClassifier;
     m.dq0 = AMINN_DQ0_STATICS;
     m.weight_type = AMINN_WEIGHTS_FLOAT32;

@@ -71,14 +71,17 @@ inline void random_networks(Random &random, Case &c)
     m.n_told = below(random, 2) != 0 ? AMINN_N_FACTOR : 0;
     m.n_sensed = below(random, 2) != 0 ? AMINN_N_SENSED : 0;
     m.contact_width = random_width(random);
-    m.width = random_width(random);
+    for (uint32_t &width : m.width) {
+        width = random_width(random);
+    }
     m.classifier_width = random_width(random);
-    const int hc = static_cast<int>(m.contact_width), h = static_cast<int>(m.width);
-    const int hd = static_cast<int>(m.classifier_width);
+    const int hc = static_cast<int>(m.contact_width), hd = static_cast<int>(m.classifier_width);
     const int global = AMINN_N_GLOBAL_INPUT + static_cast<int>(m.n_told + m.n_sensed);
     static float scales[AMINN_N_TOLD_INPUT + AMINN_N_CONTACT_INPUT];
     random.fill(scales, AMINN_N_TOLD_INPUT + AMINN_N_CONTACT_INPUT, 0.1F, 3.0F);
-    for (aminn_stage_model_t &s : m.stage) {
+    for (int i = 0; i < AMINN_N_STAGE; ++i) {
+        aminn_stage_model_t &s = m.stage[i];
+        const int h = static_cast<int>(m.width[i]);
         s.contact_mean = pool(random, AMINN_N_CONTACT_INPUT);
         s.contact_inv_std = scales;
         s.global_mean = pool(random, global);
@@ -92,10 +95,10 @@ inline void random_networks(Random &random, Case &c)
         s.head_w = pool(random, h * AMINN_N_HEAD_STORED);
         s.head_b = pool(random, AMINN_N_HEAD_STORED);
     }
-    m.cls1_w = pool(random, (h + AMINN_N_AUX) * hd);
+    m.cls1_w = pool(random, (static_cast<int>(m.width[0]) + AMINN_N_AUX) * hd);
     m.cls1_b = pool(random, hd);
     m.cls2_w = pool(random, hd);
-    m.sure_w = pool(random, (h + AMINN_N_SURE) * 2);
+    m.sure_w = pool(random, (static_cast<int>(m.width[1]) + AMINN_N_SURE) * 2);
 }
 
 inline void random_case(uint32_t seed, Case &c)

@@ -426,9 +426,10 @@ inline double log_by_size(double w, double scale)
 }
 
 inline void run_stage(const aminn_model_t &model, int i, const aminn_input_t &in, const Told &told, Stage &stage,
-                      double (&feature)[kClassifierInput])
+                      double *feature)
 {
     const aminn_stage_model_t &s = model.stage[i];
+    const int h = kWidths[i];
     double contact[AMINN_N_CONTACT_INPUT], trunk[kTrunkInput], hidden[kWidth], head[AMINN_N_HEAD_STORED];
     for (int b = 0; b < B; ++b) {
         for (int k = 0; k < AMINN_N_BRANCH_FEATURE; ++k) {
@@ -454,9 +455,9 @@ inline void run_stage(const aminn_model_t &model, int i, const aminn_input_t &in
         const double number = at < kTold ? static_cast<double>(model.nominal.told[at]) : told.sensed[at - kTold];
         trunk[kContactWidth + k] = normal(number, s.global_mean, s.global_inv_std, k);
     }
-    dense(s.trunk1_w, s.trunk1_b, trunk, kTrunkInput, kWidth, true, hidden);
-    dense(s.trunk2_w, s.trunk2_b, hidden, kWidth, kWidth, true, feature);
-    dense(s.head_w, s.head_b, feature, kWidth, AMINN_N_HEAD_STORED, false, head);
+    dense(s.trunk1_w, s.trunk1_b, trunk, kTrunkInput, h, true, hidden);
+    dense(s.trunk2_w, s.trunk2_b, hidden, h, h, true, feature);
+    dense(s.head_w, s.head_b, feature, h, AMINN_N_HEAD_STORED, false, head);
     head_to_springs(model, in, told, head, stage);
     two_pass(model, i, in, stage);
 }
@@ -489,7 +490,7 @@ inline double classify(const aminn_model_t &model, const Stage &stage, double (&
         aux[(AMINN_N_AUX - AMINN_N_SLID + i) % AMINN_N_AUX] = of_friction(stage, i);
     }
     for (int i = 0; i < AMINN_N_AUX; ++i) {
-        feature[kWidth + i] = normal(aux[i], model.aux_mean, model.aux_inv_std, i) * (i < W ? 1.0 : fade);
+        feature[kWidths[0] + i] = normal(aux[i], model.aux_mean, model.aux_inv_std, i) * (i < W ? 1.0 : fade);
     }
     dense(model.cls1_w, model.cls1_b, feature, kClassifierInput, kClassifier, true, hidden);
     dense(model.cls2_w, model.cls2_b, hidden, kClassifier, 1, false, &logit);
@@ -497,16 +498,12 @@ inline double classify(const aminn_model_t &model, const Stage &stage, double (&
 }
 
 /* p_slide and bound_95 of stage 2's trunk and statics. */
-inline void doubt(const aminn_model_t &model, const Stage &stage, const double (&trunk)[kClassifierInput],
-                  Reference &reference)
+inline void doubt(const aminn_model_t &model, const Stage &stage, double (&feature)[kSureInput], Reference &reference)
 {
-    double feature[kSureInput], square = 0.0, found[2];
+    double square = 0.0, found[2];
     for (int i = 0; i < W; ++i) {
         const double x = stage.dx_uncut[i] * (i < 3 ? 1.0 : static_cast<double>(model.length_scale));
         square += x * x;
-    }
-    for (int i = 0; i < kWidth; ++i) {
-        feature[i] = trunk[i];
     }
     const double seen = std::log1p(std::sqrt(square) / static_cast<double>(model.displacement_log_scale));
     feature[kWidth] = normal(seen, model.sure_mean, model.sure_inv_std, 0);
@@ -525,11 +522,11 @@ inline void doubt(const aminn_model_t &model, const Stage &stage, const double (
 inline Reference predict(const aminn_model_t &model, const aminn_input_t &in, const Told &told)
 {
     Reference reference = {};
-    double feature[kClassifierInput];
-    run_stage(model, 0, in, told, reference.stage[0], feature);
-    reference.p_stable = classify(model, reference.stage[0], feature);
-    run_stage(model, 1, in, told, reference.stage[1], feature);
-    doubt(model, reference.stage[1], feature, reference);
+    double stability[kClassifierInput], doubts[kSureInput]; // the trunk's output stands first in both
+    run_stage(model, 0, in, told, reference.stage[0], stability);
+    reference.p_stable = classify(model, reference.stage[0], stability);
+    run_stage(model, 1, in, told, reference.stage[1], doubts);
+    doubt(model, reference.stage[1], doubts, reference);
     return reference;
 }
 

@@ -13,6 +13,7 @@ from runtime_models import STABLE, random_inputs, random_model
 
 from aminn_export.files.bin_model import model_crc, write_bin_model
 from aminn_export.files.c_model import write_c_model
+from aminn_export.files.layout import Widths
 from aminn_export.files.tables import Exported
 from aminn_export.judge.weights import ROUNDED
 from aminn_export.samples.reference import Reference
@@ -36,10 +37,13 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=GOLDEN, help="folder (default: tests/golden)")
     args = parser.parse_args()
     args.out.mkdir(parents=True, exist_ok=True)
-    tiny = random_model(7, widths=(5, 9, 7), dq0="inverse", motion_limits=STABLE)
+    tiny = random_model(7, widths=Widths(5, 8, 9, 7), dq0="inverse", motion_limits=STABLE)
     write_c_model(tiny, args.out, "tiny_model")
     write_golden(tiny, args.out / "tiny_golden.bin", 48, 11)
-    for name, weights, seed, widths in (("half", "float16", 3, (28, 33, 17)), ("byte", "int8", 4, (11, 18, 7))):
+    for name, weights, seed, widths in (
+        ("half", "float16", 3, Widths(28, 31, 33, 17)),
+        ("byte", "int8", 4, Widths(11, 13, 18, 7)),
+    ):
         rounded = ROUNDED[weights](random_model(seed, widths=widths, motion_limits=STABLE))
         rounded.meta["name"] = f"{name}_model"
         write_c_model(rounded, args.out, f"{name}_model")

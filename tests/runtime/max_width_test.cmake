@@ -21,7 +21,7 @@ int main(void)
 {
     static aminn_t ctx;
     aminn_model_t wide = tiny_model;
-    wide.width = AMINN_MAX_WIDTH + 1;
+    wide.width[0] = AMINN_MAX_WIDTH + 1;
     printf("%zu %s", sizeof ctx, aminn_status_name(aminn_init(&ctx, &tiny_model, 0)));
     printf(" %s\n", aminn_status_name(aminn_init(&ctx, &wide, 0)));
     return 0;

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from aminn_export.files.layout import classifier_shapes, stage_shapes, stored_type, sure_shapes
+from aminn_export.files.layout import Widths, classifier_shapes, stage_shapes, stored_type, sure_shapes
 from aminn_export.files.ranges import state_ranges
 from aminn_export.files.tables import STAGES, by_branch, dims_of
 from aminn_hand import Dims
@@ -91,27 +91,29 @@ STABLE = (0.010, 0.35)
 """Those of a grasp that holds."""
 
 
+WIDTHS = Widths(32, 64, 64, 32)
+
+
 def random_model(
     seed: int = 0,
-    widths: tuple[int, int, int] = (32, 64, 32),
+    widths: Widths = WIDTHS,
     dq0: str = "statics",
     eps_m: float = 1e-4,
     motion_limits: tuple[float, float] = UNCUT,
 ) -> RandomModel:
     """Random weights of a trained model's size; normalisation fitted to `random_inputs`; tau at the median p_stable."""
     rng = np.random.default_rng(seed)
-    hc, h, hd = widths
     tensors = dict(_nominal())
     counts = {"tendons": DIMS.tendons, "slides": DIMS.slides, "sensing": False}
     dims = dims_of(RandomModel(counts, tensors))
     eps = by_branch([eps_m, 0.8 * eps_m], dims.branches)
-    for stage, eps_of_stage in zip(STAGES, eps, strict=True):
-        for name, shape in stage_shapes(dims, hc, h).items():
+    for stage, width, eps_of_stage in zip(STAGES, (widths.stage1, widths.stage2), eps, strict=True):
+        for name, shape in stage_shapes(dims, widths.contact, width).items():
             tensors[f"{stage}.{name}"] = eps_of_stage if name == "eps_m" else _random_table(rng, name, shape)
         tensors |= {f"{stage}.{k}": v for k, v in _fit_normalisers(random_inputs(512, seed + 1)).items()}
-    for name, shape in classifier_shapes(dims, h, hd).items():
+    for name, shape in classifier_shapes(dims, widths.stage1, widths.classifier).items():
         tensors[f"s1.{name}"] = _random_table(rng, name, shape)
-    for name, shape in sure_shapes(dims, h).items():
+    for name, shape in sure_shapes(dims, widths.stage2).items():
         tensors[f"s2.{name}"] = _random_table(rng, name, shape)
     tensors["s2.sure_b"] += [0.0, -7.0]
     tensors |= state_ranges(random_inputs(512, seed + 1))
@@ -120,9 +122,9 @@ def random_model(
     tensors = {name: np.asarray(value, stored_type(name, "float32")) for name, value in tensors.items()}
     meta = {
         "format_version": 1,
-        "contact_width": hc,
-        "width": h,
-        "classifier_width": hd,
+        "contact_width": widths.contact,
+        "width": [widths.stage1, widths.stage2],
+        "classifier_width": widths.classifier,
         "length_scale": 0.1,
         "log_range": 2.0,
         "displacement_log_scale": 1e-3,

@@ -68,10 +68,10 @@ static void a_good_blob_is_used_in_place(void)
 
 static void it_holds_what_the_c_source_holds(void)
 {
-    const size_t hd = aminn_model.classifier_width, h = aminn_model.width;
+    const size_t hd = aminn_model.classifier_width, h = aminn_model.width[0];
     TEST_ASSERT_EQUAL_INT(AMINN_OK, aminn_model_from_blob(blob, size, &model));
     TEST_ASSERT_EQUAL_UINT32(aminn_model.contact_width, model.contact_width);
-    TEST_ASSERT_EQUAL_UINT32(aminn_model.width, model.width);
+    TEST_ASSERT_EQUAL_UINT32_ARRAY(aminn_model.width, model.width, AMINN_N_STAGE);
     TEST_ASSERT_EQUAL_UINT32(aminn_model.classifier_width, model.classifier_width);
     TEST_ASSERT_EQUAL_UINT32(aminn_model.dq0, model.dq0);
     TEST_ASSERT_EQUAL_MEMORY(aminn_model.checkpoint_sha256, model.checkpoint_sha256, 32);
@@ -163,7 +163,7 @@ static void damage_anywhere_is_found(void)
 /* a blob with a right CRC but a content that this runtime cannot use */
 static void a_sealed_blob_is_checked_too(void)
 {
-    enum { OFFSET_N_BRANCH = 20, OFFSET_WIDTH = 72, OFFSET_DQ0 = 80, OFFSET_WEIGHT_TYPE = 84, OFFSET_EPS_KX = 212 };
+    enum { OFFSET_N_BRANCH = 20, OFFSET_WIDTH = 76, OFFSET_DQ0 = 84, OFFSET_WEIGHT_TYPE = 88, OFFSET_EPS_KX = 216 };
     const uint32_t nan_bits = 0x7FC00000u;
     uint32_t type;
     size_t dim;
@@ -193,7 +193,7 @@ static void a_sealed_blob_is_checked_too(void)
     put_u32(OFFSET_WIDTH, 0xFFFFFFFFu);
     seal();
     assert_refused(AMINN_E_DIMS, blob, size);
-    put_u32(OFFSET_WIDTH, aminn_model.width);
+    put_u32(OFFSET_WIDTH, aminn_model.width[1]);
     put_u32(OFFSET_DQ0, 7);
     seal();
     assert_refused(AMINN_E_MODEL, blob, size);
@@ -214,7 +214,7 @@ static void a_sealed_blob_is_checked_too(void)
 /* a name fills its place to the last byte, where its end has to be */
 static void a_name_without_an_end_is_refused(void)
 {
-    static const size_t names[][2] = {{228, 56}, {284, 56}, {340, 44}};
+    static const size_t names[][2] = {{232, 56}, {288, 56}, {344, 40}};
     size_t i;
     for (i = 0; i < sizeof names / sizeof names[0]; ++i) {
         uint8_t kept[56];
@@ -232,7 +232,7 @@ static void a_name_without_an_end_is_refused(void)
 static void widths_beyond_the_runtime_are_refused(void)
 {
     size_t offset;
-    for (offset = 68; offset <= 76; offset += 4) { /* contact_width, width, classifier_width */
+    for (offset = 68; offset <= 80; offset += 4) { /* contact_width, width, classifier_width */
         const uint32_t kept = get_u32(offset);
         put_u32(offset, AMINN_MAX_WIDTH + 1);
         seal();

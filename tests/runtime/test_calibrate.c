@@ -205,11 +205,13 @@ static struct {
 
 static void tell(float weight)
 {
-    const uint32_t h = model.width, rows = model.contact_width + AMINN_N_GLOBAL_INPUT;
+    const uint32_t rows = model.contact_width + AMINN_N_GLOBAL_INPUT;
     uint32_t k, i;
-    TEST_ASSERT_TRUE(model.contact_width <= 64 && h <= 64 && model.weight_type == AMINN_WEIGHTS_FLOAT32);
+    TEST_ASSERT_TRUE(model.contact_width <= 64 && model.width[0] <= 64 && model.width[1] <= 64 &&
+                     model.weight_type == AMINN_WEIGHTS_FLOAT32);
     for (k = 0; k < AMINN_N_STAGE; ++k) {
         aminn_stage_model_t *stage = &model.stage[k];
+        const uint32_t h = model.width[k];
         memcpy(told.mean[k], stage->global_mean, AMINN_N_GLOBAL_INPUT * sizeof(float));
         memcpy(told.inv_std[k], stage->global_inv_std, AMINN_N_GLOBAL_INPUT * sizeof(float));
         for (i = AMINN_N_GLOBAL_INPUT; i < AMINN_N_TOLD_INPUT; ++i) {

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from runtime_models import DIMS, random_inputs, random_model
 
 from aminn_export.files.bin_model import bin_model_bytes
+from aminn_export.files.layout import Widths
 from aminn_export.samples.reference import Reference
 from aminn_export.samples.vectors import pack, unpack
 
@@ -108,7 +109,7 @@ def largest(got: NDArray, want: NDArray, least: float = 0.0) -> float:
 @pytest.mark.parametrize("fade", [False, True])
 @pytest.mark.parametrize("dq0", ["statics", "inverse"])
 def test_every_intermediate_agrees(library: ctypes.CDLL, dq0: str, fade: bool) -> None:
-    model, inputs = random_model(4, widths=(16, 24, 12), dq0=dq0), random_inputs(600, 9, fade)
+    model, inputs = random_model(4, widths=Widths(16, 24, 24, 12), dq0=dq0), random_inputs(600, 9, fade)
     # with fewer contacts the tool swings nearly free, and joint deflections are small differences of large motions
     held = (inputs["contacts"][..., 0] > 0).all(1)
     inputs = {name: value[held] for name, value in inputs.items()}

@@ -73,7 +73,7 @@ static void another_hand_is_refused(void)
 
 static void widths_are_bounded(void)
 {
-    uint32_t *widths[] = {&model.contact_width, &model.width, &model.classifier_width};
+    uint32_t *widths[] = {&model.contact_width, &model.width[0], &model.width[1], &model.classifier_width};
     size_t i;
     for (i = 0; i < sizeof widths / sizeof widths[0]; ++i) {
         const uint32_t kept = *widths[i];
@@ -144,8 +144,8 @@ static void a_missing_table_is_refused(void)
 
 static void a_weight_that_is_no_number_is_refused(void)
 {
-    const uint32_t h = model.width;
-    REFUSED_VALUE(stage[0].trunk2_w, h * h, h * h - 1, NAN);
+    const uint32_t h1 = model.width[0], h = model.width[1];
+    REFUSED_VALUE(stage[0].trunk2_w, h1 * h1, h1 * h1 - 1, NAN);
     REFUSED_VALUE(stage[1].trunk2_w, h * h, 0, INFINITY);
     REFUSED_VALUE(stage[1].head_b, AMINN_N_HEAD_STORED, AMINN_N_HEAD_STORED - 1, -INFINITY);
     REFUSED_VALUE(cls2_b, 1, 0, NAN);
@@ -173,7 +173,7 @@ static void a_float16_weight_that_is_no_number_is_refused(void)
 static void a_size_of_int8_steps_that_is_not_above_zero_is_refused(void)
 {
     static const float wrong[] = {0.0F, -0.0F, -1.0F, NAN, INFINITY, -INFINITY};
-    const uint32_t h = byte_model.width;
+    const uint32_t h = byte_model.width[0];
     size_t i;
     model = byte_model;
     REFUSED(AMINN_OK);

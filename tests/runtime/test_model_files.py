@@ -12,14 +12,14 @@ from runtime_models import RandomModel, random_model
 from aminn_base.errors import AminnError
 from aminn_export.files.bin_model import bin_model_bytes, read_bin_model, write_bin_model
 from aminn_export.files.c_model import c_model_texts, float_literal, write_c_model
-from aminn_export.files.layout import head_stored, layout_of
+from aminn_export.files.layout import Widths, head_stored, layout_of
 from aminn_export.files.tables import by_branch, shortest
 from aminn_rt.blob import FORMAT_VERSION
 
 
 @pytest.fixture(scope="module")
 def model() -> RandomModel:
-    return random_model(3, widths=(4, 6, 5))
+    return random_model(3, widths=Widths(4, 7, 6, 5))
 
 
 def changed(model: RandomModel, **values: object) -> RandomModel:
@@ -55,7 +55,7 @@ def test_blob_gives_back_the_model(model: RandomModel, tmp_path) -> None:
 
 
 def test_same_model_same_bytes(model: RandomModel, tmp_path) -> None:
-    again = random_model(3, widths=(4, 6, 5))
+    again = random_model(3, widths=Widths(4, 7, 6, 5))
     assert bin_model_bytes(model) == bin_model_bytes(again)
     assert c_model_texts(model) == c_model_texts(again)
     write_bin_model(model, tmp_path / "m.bin")

@@ -39,7 +39,7 @@ static void init_refuses_bad_arguments(void)
     TEST_ASSERT_EQUAL_INT(AMINN_E_VERSION, aminn_init(&ctx, &model, 0));
     TEST_ASSERT_EQUAL_INT(AMINN_E_NOT_INITIALISED, aminn_predict(&ctx, &in, &out));
     model = aminn_model;
-    model.width = AMINN_MAX_WIDTH + 1;
+    model.width[1] = AMINN_MAX_WIDTH + 1;
     TEST_ASSERT_EQUAL_INT(AMINN_E_DIMS, aminn_init(&ctx, &model, 0));
     model = aminn_model;
     model.cls2_b = NULL;
@@ -126,7 +126,7 @@ static void the_bound_follows_the_bin_of_p_slide(void)
     aminn_model_t model = model_with_tau(0.0F);
     float bias[2] = {0.0F, 0.0F};
     size_t i;
-    TEST_ASSERT_TRUE(model.width <= 64);
+    TEST_ASSERT_TRUE(model.width[1] <= 64);
     model.sure_w = none;
     model.sure_b = bias;
     memcpy(model.bound_edge, edge, sizeof edge);
@@ -319,10 +319,11 @@ static void the_load_gives_its_energy_to_the_grasp_whatever_int8_weights(void)
     static int8_t weights[2 * LARGEST];
     static float head[AMINN_N_STAGE][2 * AMINN_N_HEAD_STORED];
     golden_t g = load_golden(GOLDEN_DIR "/byte_golden.bin");
-    const uint32_t h = byte_model.width, hc = byte_model.contact_width;
+    const uint32_t h = byte_model.width[1], hc = byte_model.contact_width;
     uint32_t s, slid = 0;
     int round, i, k;
-    TEST_ASSERT_TRUE(h * AMINN_N_HEAD_STORED <= LARGEST && AMINN_N_CONTACT_INPUT * hc <= LARGEST);
+    TEST_ASSERT_TRUE(byte_model.width[0] <= h && h * AMINN_N_HEAD_STORED <= LARGEST &&
+                     AMINN_N_CONTACT_INPUT * hc <= LARGEST);
     for (round = 0; round < MODELS; ++round) {
         aminn_model_t model = byte_model;
         const float size = powf(10.0F, random_between(-5.0F, 0.0F));

@@ -152,17 +152,17 @@ static void flushing_to_zero_is_named(void)
 
 static void a_flipped_bit_of_any_table_is_found(void)
 {
-    const uint32_t hc = model.contact_width, h = model.width, hd = model.classifier_width;
+    const uint32_t hc = model.contact_width, hd = model.classifier_width, *h = model.width;
     size_t k;
     FLIPPED(wrench_log_scale, float, 6);
     FLIPPED(range_min, float, AMINN_N_STATE);
-    FLIPPED(cls1_w, float, (h + AMINN_N_AUX) * hd);
+    FLIPPED(cls1_w, float, (h[0] + AMINN_N_AUX) * hd);
     FLIPPED(cls2_b, float, 1);
     FLIPPED(sure_mean, float, AMINN_N_SURE);
-    FLIPPED(sure_w, float, 2 * (model.width + AMINN_N_SURE));
+    FLIPPED(sure_w, float, 2 * (h[1] + AMINN_N_SURE));
     for (k = 0; k < AMINN_N_STAGE; ++k) {
         FLIPPED(stage[k].contact_w, float, AMINN_N_CONTACT_INPUT *hc);
-        FLIPPED(stage[k].trunk2_w, float, h *h);
+        FLIPPED(stage[k].trunk2_w, float, h[k] * h[k]);
         FLIPPED(stage[k].head_b, float, AMINN_N_HEAD_STORED);
     }
 }
@@ -170,14 +170,14 @@ static void a_flipped_bit_of_any_table_is_found(void)
 static void a_flipped_bit_of_a_float16_weight_is_found(void)
 {
     model = half_model;
-    FLIPPED(stage[1].trunk2_w, uint16_t, model.width *model.width);
+    FLIPPED(stage[1].trunk2_w, uint16_t, model.width[1] * model.width[1]);
 }
 
 static void a_flipped_bit_of_an_int8_weight_or_of_the_size_of_its_steps_is_found(void)
 {
     model = byte_model;
-    FLIPPED(stage[0].head_w, int8_t, (size_t)model.width *AMINN_N_HEAD_STORED);
-    FLIPPED(stage[1].trunk2_b, float, 2 * (size_t)model.width);
+    FLIPPED(stage[0].head_w, int8_t, (size_t)model.width[0] * AMINN_N_HEAD_STORED);
+    FLIPPED(stage[1].trunk2_b, float, 2 * (size_t)model.width[1]);
     FLIPPED(sure_b, float, 4);
 }
 
@@ -259,10 +259,13 @@ static void an_answer_that_is_not_the_librarys_is_found(void)
 /* what both stages compute on the way counts too; the bytes behind its CRC-32 are those that docs/model-format.md names */
 static void intermediates_that_are_not_the_librarys_are_found(void)
 {
-    const uint32_t hc = model.contact_width, h = model.width, hd = model.classifier_width;
-    const uint32_t elements =
-        421 + 2 * (239 + 52 * hc + (hc + 40) * h + (h + 1) * h + 56 * h) + 49 + (h + 26) * hd + 22 + 2 * (h + 10) + 98;
+    const uint32_t hc = model.contact_width, hd = model.classifier_width, *width = model.width;
+    uint32_t elements = 421 + 49 + (width[0] + 26) * hd + 22 + 2 * (width[1] + 10) + 98;
     const uint32_t before = model.stages_crc, after = before ^ 0x80u;
+    int k;
+    for (k = 0; k < AMINN_N_STAGE; ++k) {
+        elements += 239 + 52 * hc + (hc + 40) * width[k] + (width[k] + 1) * width[k] + 56 * width[k];
+    }
     model.stages_crc = after;
     model.content_crc ^= crc_difference(before, after, 14 * 4 + 64 + 16 + 4 * (size_t)elements);
     FOUND(AMINN_E_KNOWN_ANSWER);

@@ -22,7 +22,8 @@ static void make_sensing(void)
     }
     TEST_ASSERT_EQUAL_UINT32(0, model.n_told);
     TEST_ASSERT_EQUAL_UINT32(CONTACT_WIDTH, model.contact_width);
-    TEST_ASSERT_EQUAL_UINT32(WIDTH, model.width);
+    TEST_ASSERT_EQUAL_UINT32(WIDTH, model.width[0]);
+    TEST_ASSERT_EQUAL_UINT32(WIDTH, model.width[1]);
     model.n_sensed = AMINN_N_SENSED;
     for (stage = 0; stage < 2; ++stage) {
         aminn_stage_model_t *s = &model.stage[stage];

@@ -10,6 +10,7 @@ import pytest
 from runtime_models import random_inputs, random_model
 
 from aminn_base.errors import AminnError
+from aminn_export.files.layout import Widths
 from aminn_export.samples.reference import Reference
 from aminn_export.samples.vectors import read_results, read_vectors, write_results, write_vectors
 from aminn_hand.hand import MAX_BRANCHES, MAX_COORDINATES, MIN_BRANCHES, OUTPUTS, Dims
@@ -18,7 +19,7 @@ from aminn_hand.hand import MAX_BRANCHES, MAX_COORDINATES, MIN_BRANCHES, OUTPUTS
 @pytest.fixture(scope="module")
 def samples() -> tuple[dict, dict]:
     inputs = random_inputs(5, 1)
-    out = Reference(random_model(0, widths=(4, 5, 6)))(inputs)
+    out = Reference(random_model(0, widths=Widths(4, 5, 5, 6)))(inputs)
     return inputs, {name: out[name] for name in OUTPUTS}
 
 

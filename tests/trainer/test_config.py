@@ -7,7 +7,9 @@ from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 
 import pytest
+from synthetic import HANDS
 
+from aminn.model.checkpoint import build_model
 from aminn.model.config import MECHANICS, TrainConfig, as_toml, load_config
 from aminn_base.errors import AminnError
 
@@ -55,6 +57,16 @@ def test_what_differs_between_the_stages_is_printed_and_read_as_a_list_of_two(tm
     assert load_config(tmp_path / "printed.toml") == config
 
 
+def test_one_width_stands_for_both_stages(tmp_path: Path) -> None:
+    assert load_config(None, ["model.width=24"]).model.width == (24, 24)
+    config = load_config(None, ["model.width=[8, 24]"])
+    assert config.model.width == (8, 24)
+    (tmp_path / "printed.toml").write_text(as_toml(config))
+    assert load_config(tmp_path / "printed.toml") == config
+    model = build_model("aminn", replace(config.model, sensors=False), HANDS["reference"])
+    assert [part.backbone.trunk2.weight.shape for part in (model.stage1, model.stage2)] == [(8, 8), (24, 24)]
+
+
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [
@@ -68,6 +80,9 @@ def test_what_differs_between_the_stages_is_printed_and_read_as_a_list_of_two(tm
         (["learning_rate=nan"], "learning_rate: .*finite"),
         (["train_fraction=1.5"], "train_fraction: .*less than or equal to 1"),
         (["model.wrench_log_scale=[1, 2]"], r"model\.wrench_log_scale: .*6 positive numbers"),
+        (["model.width=true"], r"model\.width: "),
+        (["model.width=[8, 0]"], r"model\.width: .*greater than 0"),
+        (["model.width=[8, 16, 24]"], r"model\.width: .*at most 2"),
         (["epochs"], "expected key=value"),
         (["epochs=3", "epochs.foo=3"], "epochs is a single value, not a table"),
     ],

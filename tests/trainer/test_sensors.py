@@ -10,6 +10,7 @@ import pytest
 import torch
 from synthetic import HANDS, draw_inputs, draw_wrench, hand
 from torch import Tensor
+from untrained import WIDE
 
 from aminn.model.baseline import Mlp, n_parameters
 from aminn.model.checkpoint import build_model
@@ -97,11 +98,11 @@ def known(n: int = 6, seed: int = 0) -> dict[str, Tensor]:
     return {k: torch.tensor(v) for k, v in zip(DIMS.sensors, (friction, weight, tension), strict=True)}
 
 
-def sensing_model(kind: str, sensors: bool = True) -> Aminn | Mlp:
+def sensing_model(kind: str, sensors: bool = True, base: ModelConfig | None = None) -> Aminn | Mlp:
     """An untrained model of `KINDS` in float64, whose heads are far enough from zero to see what its networks see."""
     torch.manual_seed(0)
     friction: Literal["secant", "none"] = "secant" if kind == "sliding" else "none"
-    config = ModelConfig(sensors=sensors, friction=friction)
+    config = replace(base or ModelConfig(), sensors=sensors, friction=friction)
     model = build_model("mlp" if kind == "mlp" else "aminn", config, HAND).double().eval()
     if isinstance(model, Aminn):
         for backbone in (model.stage1.backbone, model.stage2.backbone):
@@ -145,7 +146,7 @@ def test_a_model_without_sensors_takes_them_without_effect(kind: str) -> None:
 
 
 def test_both_kinds_keep_one_budget_with_sensors() -> None:
-    aminn, mlp = (sensing_model(kind) for kind in ("aminn", "mlp"))
+    aminn, mlp = (sensing_model(kind, base=WIDE) for kind in ("aminn", "mlp"))
     for stage in ("stage1", "stage2"):
         assert abs(n_parameters(getattr(mlp, stage)) / n_parameters(getattr(aminn, stage)) - 1) < 0.02
 

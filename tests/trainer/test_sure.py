@@ -165,7 +165,7 @@ def test_bound_is_blind_to_the_use_of_friction(dataset: Dataset) -> None:
     model = build_model("aminn", ModelConfig(friction="secant"), dataset.hand)
     train_part, validation = (as_seen(dataset.split(name), model.config) for name in ("train", "validation"))
     fit_sure(model, train_part, validation, SensorDraws(), started=False)
-    branches, width = dataset.hand.dims.branches, model.config.width
+    branches, width = dataset.hand.dims.branches, model.config.width[1]
     slide, bound = model.sure.out.weight.detach()
     use = slice(width + 1, width + 1 + branches)
     assert not bound[use].any() and slide[use].any() and bound[width + 1 + branches :].any()

@@ -13,6 +13,7 @@ import pytest
 import torch
 from synthetic import HANDS, draw_inputs, draw_theta, draw_wrench, hand, write_dataset
 from torch import Tensor
+from untrained import WIDE
 
 from aminn.data.dataset import Dataset, load_dataset
 from aminn.evaluation.evaluate import evaluate
@@ -164,7 +165,7 @@ def test_an_untold_model_has_the_tensors_of_one_without_theta() -> None:
 def test_the_baseline_sees_theta_if_told_and_keeps_its_budget() -> None:
     x, theta = inputs(HAND), torch.ones(SIZE)
     for told in (False, True):
-        config = ModelConfig(told=told)
+        config = replace(WIDE, told=told)
         aminn, mlp = Aminn(config, HAND), Mlp(config, HAND).double()
         for stage in ("stage1", "stage2"):
             ratio = n_parameters(getattr(mlp, stage)) / n_parameters(getattr(aminn, stage))

@@ -123,7 +123,7 @@ def test_exported_tables(runs: dict[str, Checkpoint]) -> None:
     exported = export_tables(runs["aminn"])
     assert all(t.dtype == np.float32 and np.isfinite(t).all() for t in exported.tensors.values())
     assert exported.meta["checkpoint_sha256"] == runs["aminn"].sha256
-    assert exported.tensors["s2.head_w"].shape == (3 * (13 + 4), exported.meta["width"])  # springs, tendon; friction
+    assert exported.tensors["s2.head_w"].shape == (3 * (13 + 4), exported.meta["width"][1])  # springs, tendon; friction
     with pytest.raises(AminnError, match="no mechanics layer"):
         export_tables(runs["mlp"])
 
@@ -226,7 +226,7 @@ def test_fine_tuning_refuses_another_hand_kind_or_shape(
 ) -> None:
     write_dataset(tmp_path / "five", grasps=20, of=HANDS["5x5"])
     five = load_dataset(tmp_path / "five")
-    wide = replace(TUNE, model=ModelConfig(width=96))
+    wide = replace(TUNE, model=ModelConfig(width=(96, 96)))
     for config, data, message in (
         (replace(TUNE, kind="mlp"), other, r"is an aminn, and cannot be fine-tuned as an mlp; give --model aminn"),
         (wide, other, r"was trained with another model\.width; leave the settings"),
@@ -276,7 +276,7 @@ def test_weights_of_another_architecture_are_refused(runs: dict[str, Checkpoint]
     meta = json.loads((runs["aminn"].path / META).read_text())
     meta["model"]["width"] = 48
     write_json(tmp_path / META, meta)
-    with pytest.raises(AminnError, match=r"has shape \(32, 55\), the configuration asks for \(48, 55\)"):
+    with pytest.raises(AminnError, match=r"has shape \(16, 55\), the configuration asks for \(48, 55\)"):
         load_checkpoint(tmp_path)
 
 

@@ -22,7 +22,7 @@ def made_up_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-WIDE = ModelConfig(width=64, contact_width=32, classifier_width=32)
+WIDE = ModelConfig(width=(64, 64), contact_width=32, classifier_width=32)
 """Widths at which weights are most of a model's bytes, and random heads leave no grasp to eps_Kx alone."""
 
 

@@ -329,7 +329,7 @@ def sweep(grid: Path, data: Path, out: Path, jobs: int | None, tensorboard: bool
       [grid]
       seed = [0, 1, 2]
       kind = ["aminn", "mlp"]
-      model.width = [32, 64]
+      model.width = [32, 64, [16, 32]]
 
     Each run has one thread and a folder named by its settings. Interrupt or kill it at will: the same command
     continues. A run that fails is named, and the others continue. The table at the end is that of `aminn compare`;

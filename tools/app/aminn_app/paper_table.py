@@ -463,7 +463,7 @@ def frontier(study: Study) -> str:
         rows.append([name.replace("-", " / "), _value(found[0], "n_parameters", "{:.0f}"), *cells])
     rows.sort(key=lambda row: -int(row[1]))
     told = [f"{c}, told" for c in LEARNING]
-    return _table(["trunk / contacts / classifier", "parameters", *LEARNING, *told], rows)
+    return _table(["trunk 1 / trunk 2 / contacts / classifier", "parameters", *LEARNING, *told], rows)
 
 
 TABLES: dict[str, dict[str, Callable[[Study], str]]] = {

@@ -45,14 +45,22 @@ from .records import WHOLE, Facts, Parts, Row, Study, against, over_seeds
 
 # To be raised with every change of the figures, so that those of kept runs are taken again.
 FIGURES_VERSION = 4
-WIDTHS = ((64, 32, 32), (48, 24, 24), (32, 16, 16), (24, 16, 16), (16, 16, 16))
-"""Of trunk, contacts and classifier: models of `make frontier`, widest first."""
+WIDTHS = (
+    (64, 64, 32, 32),
+    (48, 48, 24, 24),
+    (32, 32, 16, 16),
+    (16, 32, 16, 16),
+    (24, 24, 16, 16),
+    (16, 24, 16, 16),
+    (16, 16, 16, 16),
+)
+"""Of the trunks of stage 1 and stage 2, contacts and classifier: models of `make frontier`, widest first."""
 WIDE = WIDTHS[0]
 
 
-def _of_widths(config: TrainConfig, widths: tuple[int, int, int]) -> TrainConfig:
-    trunk, contacts, classifier = widths
-    model = replace(config.model, width=trunk, contact_width=contacts, classifier_width=classifier)
+def _of_widths(config: TrainConfig, widths: tuple[int, int, int, int]) -> TrainConfig:
+    stage1, stage2, contacts, classifier = widths
+    model = replace(config.model, width=(stage1, stage2), contact_width=contacts, classifier_width=classifier)
     return replace(config, model=model)
 
 

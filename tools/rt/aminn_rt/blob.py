@@ -9,14 +9,14 @@ from aminn_base.errors import AminnError
 from aminn_base.read import AnyPath
 from aminn_hand.hand import MAX_BRANCHES, MAX_COORDINATES, MIN_BRANCHES, N_CONTACT_FEATURE, N_WRENCH, Dims
 
-FORMAT_VERSION = 10
+FORMAT_VERSION = 11
 """Of the C model and the binary (AMINN_FORMAT_VERSION in aminn_rt.h)."""
 MAGIC = 0x4D4E4D41  # "AMNM"
 HEAD = struct.Struct("<4I")  # magic, format version, size, CRC-32 of what follows
 # CRC-32 of the content; dimensions, widths, dq0 and weights, CRC-32 of the known stages, scalars; SHA-256 of checkpoint
 # and data set; stage scalars; name, hand, made by
-BODY = struct.Struct("<I12I3I2II14f32s32s4f56s56s44s")
-_DIMS, _TAU, _NAMES = slice(1, 13), 22, slice(39, 42)
+BODY = struct.Struct("<I12I4I2II14f32s32s4f56s56s40s")
+_DIMS, _TAU, _NAMES = slice(1, 13), 23, slice(40, 43)
 """Of BODY's fields: the counts of `header_dims`; tau; name, hand, made by."""
 
 

@@ -158,7 +158,7 @@ def analytical(data: Dataset, validation: Dataset, name: str = "analytical") -> 
     """
     known, friction = FORMULAS[name]
     config = ModelConfig(friction=friction)
-    backbone = Backbone(config, config.mechanics[1], data.hand)
+    backbone = Backbone(config, 1, data.hand)
 
     def motion(part: Dataset) -> tuple[Array, Array]:
         x = part.inputs()

@@ -76,6 +76,10 @@ def _pair(value: object) -> object:
     return value
 
 
+def _both(value: object) -> object:
+    return (value, value) if type(value) is int else value
+
+
 def _of_stage(value: object, stage: int) -> object:
     return value[stage] if isinstance(value, list) and len(value) == len(MECHANICS) else value
 
@@ -92,8 +96,8 @@ class ModelConfig:
 
     contact_width: Width = 16
     """Width of the contact summary."""
-    width: Width = 32
-    """Width of the trunk."""
+    width: Annotated[tuple[Width, Width], BeforeValidator(_both)] = (16, 32)
+    """Width of the trunk of stage 1 and of stage 2; one number stands for both."""
     classifier_width: Width = 16
     """Width of the hidden layer of stage 1's classifier."""
     heads: Literal["correction", "free"] = "correction"

@@ -152,7 +152,7 @@ def export_tables(checkpoint: Checkpoint) -> ExportedModel:
             "log_range": config.log_range,
             "displacement_log_scale": config.displacement_log_scale,
             "contact_width": config.contact_width,
-            "width": config.width,
+            "width": list(config.width),
             "classifier_width": config.classifier_width,
         }
         | {name: [stage[name] for stage in stages] for name in ("eps_m", "eps_kx", "eps_jq")}

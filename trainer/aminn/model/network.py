@@ -26,7 +26,7 @@ from aminn_hand.theta import Theta
 
 from ..hand.nominal import Nominal, nominal_of, stiffness_terms
 from .batched import batch_first, batch_last, packed_cholesky, product
-from .config import MechanicsConfig, ModelConfig
+from .config import ModelConfig
 from .mechanics import NO_EXTRAS, Constants, Extras, Response, Springs, length_scaling, two_pass
 from .normaliser import Normaliser
 from .sliding import AXES, preload_of_weight
@@ -156,8 +156,9 @@ class Backbone(nn.Module):
     coord_mask: Tensor
     twist_head: nn.Linear | None
 
-    def __init__(self, config: ModelConfig, mechanics: MechanicsConfig, hand: Hand) -> None:
+    def __init__(self, config: ModelConfig, stage: int, hand: Hand) -> None:
         super().__init__()
+        mechanics, width = config.mechanics[stage], config.width[stage]
         self.config, self.mechanics, self.dims, nominal = config, mechanics, config.dims(hand), nominal_of(hand)
         dims = self.dims
         if mechanics.dq0 == "inverse" and dims.coordinates != AXES:
@@ -168,10 +169,10 @@ class Backbone(nn.Module):
         self.contact_norm = Normaliser(dims.contact_input)
         self.global_norm = Normaliser(dims.global_input)
         self.contact = nn.Linear(dims.contact_input, config.contact_width)
-        self.trunk1 = nn.Linear(config.contact_width + dims.global_input, config.width)
-        self.trunk2 = nn.Linear(config.width, config.width)
-        self.head = _near_zero(nn.Linear(config.width, dims.head))  # start close to the nominal hand
-        self.twist_head = _near_zero(nn.Linear(config.width, dims.branches)) if config.twists(hand) else None
+        self.trunk1 = nn.Linear(config.contact_width + dims.global_input, width)
+        self.trunk2 = nn.Linear(width, width)
+        self.head = _near_zero(nn.Linear(width, dims.head))  # start close to the nominal hand
+        self.twist_head = _near_zero(nn.Linear(width, dims.branches)) if config.twists(hand) else None
         if mechanics.learn_eps_m:
             self.eps_m_change = nn.Parameter(torch.zeros(()))  # logarithm: weight decay draws to the constant
         eps_m = nominal.eps_m if mechanics.eps_m is None else np.full(dims.branches, mechanics.eps_m)
@@ -362,9 +363,9 @@ class Stage1(nn.Module):
     def __init__(self, config: ModelConfig, hand: Hand) -> None:
         super().__init__()
         self.config, self.dims = config, config.dims(hand)
-        self.backbone = Backbone(config, config.mechanics[0], hand)
+        self.backbone = Backbone(config, 0, hand)
         self.aux_norm = Normaliser(self.dims.aux)
-        self.cls1 = nn.Linear(config.width + self.dims.aux, config.classifier_width)
+        self.cls1 = nn.Linear(config.width[0] + self.dims.aux, config.classifier_width)
         self.cls2 = nn.Linear(config.classifier_width, 1)
 
     def fit_normalisers(self, x: dict[str, Tensor]) -> None:
@@ -403,7 +404,7 @@ class Stage2(nn.Module):
 
     def __init__(self, config: ModelConfig, hand: Hand) -> None:
         super().__init__()
-        self.backbone = Backbone(config, config.mechanics[1], hand)
+        self.backbone = Backbone(config, 1, hand)
 
     def fit_normalisers(self, x: dict[str, Tensor]) -> None:
         self.backbone.fit_normalisers(x)
@@ -492,7 +493,7 @@ class Aminn(Cascade):
         self.config, self.hand = config, hand
         self.stage1 = Stage1(config, hand)
         self.stage2 = Stage2(config, hand)
-        self.sure = Sure(config.width, config.dims(hand).sure)
+        self.sure = Sure(config.width[1], config.dims(hand).sure)
 
     def outputs(self, x: dict[str, Tensor]) -> dict[str, Tensor]:
         """p_stable (N), dx_ht (N, 6), k_x (N, 6, 6), gate (N, B), p_slide (N), bound_95 (N), friction_use (N, B)."""

@@ -109,11 +109,11 @@ def clear_run(folder: Path) -> None:
 
 
 def flat_settings(value: object, prefix: str = "") -> dict[str, object]:
-    """Settings by dotted key; members of a list go by their index."""
-    if isinstance(value, list | tuple):
+    """Settings by dotted key; those in tables of a list go by its index, a list of numbers is one setting."""
+    if isinstance(value, list | tuple) and any(isinstance(part, dict) for part in value):
         value = dict(enumerate(value))
     if not isinstance(value, dict):
-        return {prefix: value}
+        return {prefix: list(value) if isinstance(value, tuple) else value}
     inner = ((f"{prefix}.{name}".strip("."), part) for name, part in value.items())
     return {k: v for name, part in inner for k, v in flat_settings(part, name).items()}
 

@@ -24,6 +24,7 @@ from .layout import (
     TABLES_VERSION,
     TOLD_TABLE,
     WEIGHT_CODES,
+    Widths,
     has_steps,
     of_steps,
     restored,
@@ -67,20 +68,20 @@ def read_bin_model(path: AnyPath) -> BinModel:
     check_blob(blob, path)
     fields = BODY.unpack_from(blob, HEAD.size)
     dims = dims_in(blob, path)
-    hc, h, hd, dq0, weights = fields[13:18]
+    widths, (dq0, weights) = Widths(*fields[13:17]), fields[17:19]
     names = {code: name for name, code in DQ0_CODES.items()}, {code: name for name, code in WEIGHT_CODES.items()}
     if dq0 not in names[0] or weights not in names[1]:
         raise AminnError(f"{path}: dq0 {dq0} or weights {weights} is not what this program knows")
     kind = names[1][weights]
     tables = [
         (owner, field, stored_shape(dims, field, shape), np.dtype(stored_type(field, kind)), 1 + has_steps(field, kind))
-        for owner, field, shape in tensor_order(dims, hc, h, hd)
+        for owner, field, shape in tensor_order(dims, widths)
     ]
     at = HEAD.size + BODY.size
     answer_room = room(4 * (dims.state + output_words(dims)))
     sizes = (room(times * int(np.prod(shape)) * dtype.itemsize) for _, _, shape, dtype, times in tables)
     if at + sum(sizes) + answer_room != len(blob):
-        raise AminnError(f"{path}: its length does not fit its widths {hc}, {h}, {hd}")
+        raise AminnError(f"{path}: its length does not fit its widths {', '.join(map(str, widths))}")
     tensors = {}
     for owner, field, shape, dtype, times in tables:
         flat = np.frombuffer(blob, dtype.newbyteorder("<"), times * int(np.prod(shape)), at)
@@ -96,21 +97,21 @@ def read_bin_model(path: AnyPath) -> BinModel:
     if header_dims(dims_of(BinModel(counts, tensors))) != header_dims(dims):
         raise AminnError(f"{path}: coord_mask {tensors['coord_mask'].tolist()} does not fit its dimensions")
     known_state = np.frombuffer(blob, "<f4", dims.state, at)
-    scalars = 19 + len(SCALARS)
-    meta = counts | dict(zip(SCALARS, fields[19:scalars], strict=True))
+    scalars = 20 + len(SCALARS)
+    meta = counts | dict(zip(SCALARS, fields[20:scalars], strict=True))
     edges, factors = (list(fields[scalars : scalars + 3]), list(fields[scalars + 3 : scalars + 7]))
     meta |= dict(zip(BINS, (edges, factors), strict=True))
-    meta |= {name: list(fields[35 + 2 * i : 37 + 2 * i]) for i, name in enumerate(STAGE_SCALARS)}
+    meta |= {name: list(fields[36 + 2 * i : 38 + 2 * i]) for i, name in enumerate(STAGE_SCALARS)}
     meta |= dict(zip(NAME_ROOM, names_in(blob), strict=True))
     meta |= {
         "format_version": TABLES_VERSION,
         "weights": kind,
-        "contact_width": hc,
-        "width": h,
-        "classifier_width": hd,
+        "contact_width": widths.contact,
+        "width": [widths.stage1, widths.stage2],
+        "classifier_width": widths.classifier,
         "dq0": names[0][dq0],
-        "checkpoint_sha256": fields[33].hex(),
-        "data_sha256": fields[34].hex(),
+        "checkpoint_sha256": fields[34].hex(),
+        "data_sha256": fields[35].hex(),
         "known_state": [float(v) for v in known_state],
         "eps_m": shortest(np.array([tensors[f"{stage}.eps_m"] for stage in STAGES])),
         "branch_joints": branch_joints(tensors),

@@ -25,7 +25,6 @@ from .packing import KnownAnswer, content_crc
 from .tables import STAGES, Exported
 
 _VALUES_PER_LINE = {np.float32: 6, np.float16: 6, np.int8: 18}
-_WIDTHS = ("contact_width", "width", "classifier_width")
 
 
 def float_literal(value: np.float32 | float) -> str:
@@ -94,7 +93,9 @@ def _bytes(digest: bytes) -> str:
 def _model(prefix: str, layout: Layout, answer: KnownAnswer) -> str:
     lines = [f".format_version = {FORMAT_VERSION}u,", f".content_crc = 0x{content_crc(layout, answer):08x}u,"]
     lines += [f".{name} = {value}u," for name, value in header_dims(layout.dims).items()]
-    lines += [f".{name} = {width}u," for name, width in zip(_WIDTHS, layout.widths, strict=True)]
+    contact, *stages, classifier = (f"{width}u" for width in layout.widths)
+    lines += [f".contact_width = {contact},", f".width = {{{', '.join(stages)}}},"]
+    lines += [f".classifier_width = {classifier},"]
     lines += [f".dq0 = AMINN_DQ0_{layout.dq0.upper()},", f".weight_type = AMINN_WEIGHTS_{layout.weights.upper()},"]
     lines += [f".stages_crc = 0x{answer.stages_crc:08x}u,"]
     lines += [f".{name} = {float_literal(layout.scalars[name])}," for name in SCALARS]
@@ -111,8 +112,8 @@ def _model(prefix: str, layout: Layout, answer: KnownAnswer) -> str:
     lines += [f".{field} = {own.get(field, 'NULL')}," for field in fields if field not in VARIED]
     lines += [f".known_answer = &{prefix}_known_answer,"]
     lines += [f".storage = {'NULL' if layout.weights == 'float32' else f'&aminn_storage_{layout.weights}'},"]
-    stages = ["{\n        " + "\n        ".join(_stage(prefix, layout, i)) + "\n    }" for i in range(len(STAGES))]
-    lines += [".stage = {" + ", ".join(stages) + "},"]
+    own_stages = ["{\n        " + "\n        ".join(_stage(prefix, layout, i)) + "\n    }" for i in range(len(STAGES))]
+    lines += [".stage = {" + ", ".join(own_stages) + "},"]
     return f"const aminn_model_t {prefix} = {{\n    " + "\n    ".join(lines) + "\n};\n"
 
 

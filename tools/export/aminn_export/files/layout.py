@@ -23,7 +23,7 @@ TABLES_VERSION = 1
 """Of the tables that the trainer gives."""
 DQ0_CODES = {"statics": 0, "inverse": 1}
 SHA256_HEX_DIGITS = 64
-NAME_ROOM = {"name": 56, "hand": 56, "made_by": 44}
+NAME_ROOM = {"name": 56, "hand": 56, "made_by": 40}
 """Bytes that a name has in the binary, with the zero behind it."""
 UNKNOWN = "unknown"
 WEIGHT_CODES = {"float32": 0, "float16": 1, "int8": 2}
@@ -51,11 +51,20 @@ class Table(NamedTuple):
     values: NDArray[Any]  # flat; float32, or in a weight table what the model's weights are
 
 
+class Widths(NamedTuple):
+    """Of a model's layers, in the order of the file."""
+
+    contact: int
+    stage1: int
+    stage2: int
+    classifier: int
+
+
 class Layout(NamedTuple):
     """A checked model in the runtime's order."""
 
     dims: Dims  # of the hand
-    widths: tuple[int, int, int]  # contact_width, width, classifier_width
+    widths: Widths
     dq0: str
     weights: str  # "float32", "float16" or "int8"
     sha256: bytes  # of the checkpoint
@@ -65,6 +74,12 @@ class Layout(NamedTuple):
     bins: dict[str, NDArray[np.float32]]
     stage_scalars: dict[str, tuple[np.float32, np.float32]]
     tables: list[Table]
+
+
+def widths_of(meta: dict) -> Widths:
+    """Of an exported model's meta."""
+    stage1, stage2 = pair_of(meta["width"])
+    return Widths(int(meta["contact_width"]), int(stage1), int(stage2), int(meta["classifier_width"]))
 
 
 def stage_shapes(dims: Dims, hc: int, h: int) -> dict[str, tuple[int, ...]]:
@@ -122,12 +137,12 @@ def sure_shapes(dims: Dims, h: int) -> dict[str, tuple[int, ...]]:
     return {"sure_mean": (dims.sure,), "sure_inv_std": (dims.sure,), "sure_w": (2, h + dims.sure), "sure_b": (2,)}
 
 
-def tensor_order(dims: Dims, hc: int, h: int, hd: int) -> list[tuple[str, str, tuple[int, ...]]]:
+def tensor_order(dims: Dims, widths: Widths) -> list[tuple[str, str, tuple[int, ...]]]:
     """(owner, name, shape) of every table in file order; owner is "", "s1" or "s2"."""
     order = [("", name, shape) for name, shape in shared_shapes(dims).items()]
-    for stage in STAGES:
-        order += [(stage, name, shape) for name, shape in stage_shapes(dims, hc, h).items()]
-    last = classifier_shapes(dims, h, hd) | sure_shapes(dims, h)
+    for stage, width in zip(STAGES, (widths.stage1, widths.stage2), strict=True):
+        order += [(stage, name, shape) for name, shape in stage_shapes(dims, widths.contact, width).items()]
+    last = classifier_shapes(dims, widths.stage1, widths.classifier) | sure_shapes(dims, widths.stage2)
     return order + [("", name, shape) for name, shape in last.items()]
 
 
@@ -319,14 +334,14 @@ def layout_of(exported: Exported) -> Layout:
         raise AminnError(f"model: dq0 is {meta['dq0']!r}, expected one of {', '.join(DQ0_CODES)}")
     names = {"name": "aminn_model", "hand": UNKNOWN, "made_by": UNKNOWN}
     carried = tuple(checked_name(kind, str(meta.get(kind, default))) for kind, default in names.items())
-    hc, h, hd = (int(meta[name]) for name in ("contact_width", "width", "classifier_width"))
+    widths = widths_of(meta)
     stage_scalars = {}
     for name in STAGE_SCALARS:
         first, second = pair_of(meta[name])
         stage_scalars[name] = (np.float32(first), np.float32(second))
     return Layout(
         dims=dims,
-        widths=(hc, h, hd),
+        widths=widths,
         dq0=meta["dq0"],
         weights=weights_of(meta),
         sha256=_digest(meta, "checkpoint_sha256"),
@@ -335,5 +350,5 @@ def layout_of(exported: Exported) -> Layout:
         scalars={name: _scalar(meta, name) for name in SCALARS},
         bins=_bins(meta),
         stage_scalars=stage_scalars,
-        tables=[_table(exported, dims, *entry) for entry in tensor_order(dims, hc, h, hd)],
+        tables=[_table(exported, dims, *entry) for entry in tensor_order(dims, widths)],
     )

@@ -11,6 +11,7 @@ the branches, C the coordinates of the longest one, J the joints. A hand without
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import numpy as np
 import onnx
@@ -25,6 +26,7 @@ from aminn_hand.hand import LEAST_MOTION_M, MAX_LOG_BOUND, N_CONTACT_FEATURE, N_
 from aminn_hand.sensors import FRICTION_CLASSES, FRICTION_SPREAD
 
 from .head import EXP, TANH, head_order, sizes
+from .layout import widths_of
 from .onnx_graph import GraphBuilder
 from .onnx_slide import Grip, Rows, Slid, SlideGraph
 from .tables import HAND, STAGES, Exported, by_branch, dims_of, pair_of, shortest
@@ -159,11 +161,27 @@ def _adjugate_tables() -> tuple[list[int], Array]:
     return [*left, *right, 0, 3, 6], signs
 
 
+_OF_TRUNK = {"trunk1_w": (0,), "trunk1_b": (0,), "trunk2_w": (0, 1), "trunk2_b": (0,), "head_w": (1,)}
+"""Axes of a stage's tables that are as long as its trunk is wide."""
+
+
+def _evenly_wide(exported: Exported) -> dict[str, NDArray[Any]]:
+    """The tables of both stages as wide as the wider one's, so that they stack: what is added is zero."""
+    widths, tensors = widths_of(exported.meta), dict(exported.tensors)
+    wide = max(widths.stage1, widths.stage2)
+    for stage, width, last in zip(STAGES, (widths.stage1, widths.stage2), ("cls1_w", "sure_w"), strict=True):
+        for field, axes in (_OF_TRUNK | {last: (1,)}).items():
+            for axis in axes:
+                name = f"{stage}.{field}"
+                tensors[name] = np.insert(tensors[name], [width] * (wide - width), 0, axis)
+    return tensors
+
+
 class _AminnGraph:
     """Builds the graph of one exported model; each method adds the nodes of one step."""
 
     def __init__(self, exported: Exported) -> None:
-        self.meta, self.tensors, self.g = exported.meta, exported.tensors, GraphBuilder()
+        self.meta, self.tensors, self.g = exported.meta, _evenly_wide(exported), GraphBuilder()
         self.dims = dims_of(self)
         length = float(self.meta["length_scale"])
         self.scale = np.array([1.0] * 3 + [1.0 / length] * 3, np.float32)

@@ -48,7 +48,7 @@ def _numbers(layout: Layout, answer: KnownAnswer) -> bytes:
     scalars = [float(layout.scalars[name]) for name in SCALARS]
     scalars += [float(v) for name in BINS for v in layout.bins[name]]
     dims = header_dims(layout.dims).values()
-    return struct.pack("<12I3I2II14f", *dims, *layout.widths, *codes, answer.stages_crc, *scalars)
+    return struct.pack("<12I4I2II14f", *dims, *layout.widths, *codes, answer.stages_crc, *scalars)
 
 
 def content_crc(layout: Layout, answer: KnownAnswer) -> int:
@@ -64,7 +64,7 @@ def pack(layout: Layout, answer: KnownAnswer) -> bytes:
     eps = [float(v) for name in STAGE_SCALARS for v in layout.stage_scalars[name]]
     body = struct.pack("<I", content_crc(layout, answer)) + _numbers(layout, answer)
     body += layout.sha256 + layout.data_sha256 + struct.pack("<4f", *eps)
-    body += struct.pack("56s56s44s", *(text.encode() for text in layout.names))
+    body += struct.pack("56s56s40s", *(text.encode() for text in layout.names))
     assert len(body) == BODY.size
     for values in (*map(_little_endian, layout.tables), answer.words):
         body += values.ljust(room(len(values)), b"\0")

@@ -38,6 +38,7 @@ from aminn_base.program import Messages
 
 from ..files.bin_model import BinModel, read_bin_model
 from ..files.hand_header import header_beside
+from ..files.layout import widths_of
 from ..files.onnx_model import IR_VERSION, ONNX_FILE, OPSET, build_onnx
 from ..files.tables import dims_of
 from ..replay.runtime_place import RuntimePlace, find_in, find_runtime, source_of
@@ -98,8 +99,7 @@ def onnxruntime_library() -> Path:
 
 def compile_bench(model: BinModel, place: RuntimePlace, library: Path, program: Path, march: str) -> None:
     """Compile the timing program for the model's widths and hand, against a built library, its products for `march`."""
-    widths = {"HC": "contact_width", "H": "width", "HD": "classifier_width"}
-    sizes = {name: model.meta[key] for name, key in widths.items()}
+    sizes = dict(zip(("HC", "H1", "H2", "HD"), widths_of(model.meta), strict=True))
     sizes["TRUNK"] = model.tensors["s1.trunk1_w"].shape[1]  # contact summary, global input, what networks are told
     include = [*place.flags, f"-I{place.sources}", "-isystem", "/usr/include/eigen3"]
     run(

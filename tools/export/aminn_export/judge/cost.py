@@ -29,7 +29,7 @@ from aminn_base.run import run_program
 from ..files.bin_model import BinModel, bin_model_bytes, read_bin_model, write_bin_model
 from ..files.c_model import write_c_model
 from ..files.hand_header import header_beside, write_hand_header
-from ..files.layout import WEIGHT_CODES, tensor_name, tensor_order
+from ..files.layout import WEIGHT_CODES, tensor_name, tensor_order, widths_of
 from ..files.tables import dims_of
 from ..replay.firmware import build_firmware, run_firmware
 from ..replay.runtime_place import find_in
@@ -104,8 +104,7 @@ def stuck_model(model: BinModel) -> BinModel:
     plain = BinModel(model.meta | {"slides": False, "sensing": False, "known_state": None}, dict(model.tensors))
     plain.meta.pop("known_state")
     dims = dims_of(plain)
-    widths = (int(model.meta[name]) for name in ("contact_width", "width", "classifier_width"))
-    for owner, field, shape in tensor_order(dims, *widths):
+    for owner, field, shape in tensor_order(dims, widths_of(model.meta)):
         name = tensor_name(owner, field)
         if name in plain.tensors:
             cut = tuple(slice(0, n) for n in shape)
