@@ -50,6 +50,7 @@ LIMITS = {
     "stuck_avx2_us_ratio": 0.55,
     "sliding_to_stuck_instructions": 1.3,
     "sliding_context_and_stack_bytes": 5000,
+    "stuck_fitted_context_and_stack_bytes": 5000,
     **{
         f"{subject}_model_{weights}_bytes": size
         for subject in ("stuck", "sliding")
@@ -207,13 +208,36 @@ def _model(subject: Subject) -> BinModel:
     return read_bin_model(subject.model_dir / f"{model_prefix(subject.model_dir)}.bin")
 
 
-def flash(subject: Subject) -> Report:
-    """Bytes of the subject's model in each way that weights are stored."""
+def _sections(source: Path, subject: Subject, work: Path, *options: str) -> tuple[int, int, int]:
+    """Bytes of text, data and zeros of a C source compiled for a Cortex-M7."""
+    command: list[str | Path] = ["arm-none-eabi-gcc", "-std=c99", "-Os", "-mcpu=cortex-m7", "-mthumb", *options]
+    command += [f"-I{work}", f"-I{subject.tree / 'runtime' / 'include'}", f'-DAMINN_HAND_HEADER="{subject.hand}"']
+    run_program([*command, "-c", source, "-o", source.with_suffix(".o")], "compiling for a Cortex-M7")
+    text, data, zeros = run_program(["arm-none-eabi-size", source.with_suffix(".o")], "arm-none-eabi-size").split()[
+        -6:-3
+    ]
+    return int(text), int(data), int(zeros)
+
+
+def fitted_context(subject: Subject, stack_bytes: int, work: Path) -> Report:
+    """Bytes of the context with the subject's widest layer for AMINN_MAX_WIDTH, and with the worst stack."""
+    source = work / f"{subject.name}_context.c"
+    source.write_text('#include "aminn_rt.h"\naminn_t ctx = {0};\n')
+    widest = max(widths_of(_model(subject).meta))
+    context = _sections(source, subject, work, f"-DAMINN_MAX_WIDTH={widest}")[2]
+    sizes = {"fitted_context_bytes": context, "fitted_context_and_stack_bytes": context + stack_bytes}
+    return {f"{subject.name}_{name}": size for name, size in sizes.items()}
+
+
+def flash(subject: Subject, work: Path) -> Report:
+    """Bytes of the subject's model in each way that weights are stored: linked as C on a Cortex-M7, and as a binary."""
     model = _model(subject)
     sizes: Report = {}
     for weights in WEIGHT_CODES:
-        stored = ROUNDED[weights](model) if weights in ROUNDED else model
-        sizes[f"{subject.name}_model_{weights}_bytes"] = len(bin_model_bytes(stored))
+        stored, name = ROUNDED[weights](model) if weights in ROUNDED else model, f"{subject.name}_model_{weights}"
+        source, _ = write_c_model(stored, work, name)
+        sizes[f"{name}_bytes"] = sum(_sections(source, subject, work))
+        sizes[f"{name}_blob_bytes"] = len(bin_model_bytes(stored))
     return sizes
 
 
@@ -258,7 +282,8 @@ def cost(model_dir: Path, reports: Path, commit: str = BASE, turns: int = TURNS)
             for isa in isas:
                 report |= on_this_machine(found, isa, work, turns)
             for subject in found[1:]:
-                report |= flash(subject)
+                report |= flash(subject, work)
+                report |= fitted_context(subject, int(report[f"{subject.name}_stack_bytes"]), work)
     return judged(report)
 
 
