@@ -222,7 +222,7 @@ def _sections(source: Path, subject: Subject, work: Path, *options: str) -> tupl
 def fitted_context(subject: Subject, stack_bytes: int, work: Path) -> Report:
     """Bytes of the context with the subject's widest layer for AMINN_MAX_WIDTH, and with the worst stack."""
     source = work / f"{subject.name}_context.c"
-    source.write_text('#include "aminn_rt.h"\naminn_t ctx = {0};\n')
+    write_atomically(source, b'#include "aminn_rt.h"\naminn_t ctx = {0};\n')
     widest = max(widths_of(_model(subject).meta))
     context = _sections(source, subject, work, f"-DAMINN_MAX_WIDTH={widest}")[2]
     sizes = {"fitted_context_bytes": context, "fitted_context_and_stack_bytes": context + stack_bytes}
