@@ -14,7 +14,7 @@ from aminn_base.errors import AminnError
 from aminn_export.export import write_model_files
 from aminn_export.files.ranges import state_ranges
 from aminn_export.files.tables import dims_of
-from aminn_export.judge.fidelity import SquareRootReference, failures, missed
+from aminn_export.judge.fidelity import SquareRootReference, error_figures, failures, missed
 from aminn_export.replay.runtime_place import find_in
 from aminn_export.replay.targets import DISPATCHED, HOSTED, replay, replay_all, run
 from aminn_export.samples.adversarial import KINDS, adversarial_states
@@ -164,3 +164,18 @@ def test_states_beyond_the_training_range_are_told_apart() -> None:
     assert np.flatnonzero(~within_ranges(seen, ranges)).tolist() == [1], "out of contact, only the flag counts"
     ranges["range_min"][20] = 0.5
     assert not within_ranges(seen, ranges)[0], "the flag does"
+
+
+def test_a_bound_that_underflows_in_both_is_no_error() -> None:
+    """A load thousands of times that of training: its logarithm is beyond float64."""
+    shapes = {
+        "dx_ht": (2, 6),
+        "p_stable": (2,),
+        "gate": (2, 3),
+        "p_slide": (2,),
+        "friction_use": (2, 3),
+        "k_x": (2, 6, 6),
+    }
+    truth = {name: np.ones(shape) for name, shape in shapes.items()} | {"bound_95": np.array([0.0, 1e-3])}
+    found = error_figures(truth | {"bound_95": np.array([0.0, 1.001e-3])}, truth, np.ones(2))
+    assert found["bound_95_max"] == pytest.approx(1e-3)

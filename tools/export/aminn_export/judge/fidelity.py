@@ -100,7 +100,10 @@ def error_figures(outputs: dict[str, NDArray], truth: dict[str, Array], conditio
     figures = _quantiles("dx_relative", relative) | _quantiles("dx_over_condition", relative / (condition * UNIT))
     figures |= _quantiles("p_stable", p_stable) | _quantiles("gate", np.abs(outputs["gate"] - truth["gate"]).max(1))
     figures |= _quantiles("p_slide", np.abs(outputs["p_slide"] - truth["p_slide"]))
-    figures |= _quantiles("bound_95", np.abs(outputs["bound_95"] / truth["bound_95"] - 1))
+    bound = truth["bound_95"]
+    figures |= _quantiles(
+        "bound_95", np.abs(outputs["bound_95"] - bound) / np.maximum(bound, np.finfo(np.float32).tiny)
+    )
     use, k_x = truth["friction_use"], truth["k_x"]
     figures |= _quantiles("friction_use", (np.abs(outputs["friction_use"] - use) / (1 + use)).max(1))
     return figures | _quantiles("k_x", np.abs(outputs["k_x"] - k_x).max((1, 2)) / np.abs(k_x).max((1, 2)))
