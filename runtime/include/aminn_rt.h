@@ -292,7 +292,7 @@ typedef struct aminn_varied {
     const float *eps_m[AMINN_N_STAGE]; /* (B)             isotropic contact compliance of each stage, m/N, > 0 */
 } aminn_varied_t;
 
-/* Tables and constants of one stage. Widths: HC contact_width, H that of the stage in width. Lengths of the reference hand are in brackets.
+/* Tables and constants of one stage. HC is contact_width, H the stage's width. Lengths of the reference hand are in brackets.
  * Weights are stored [input][output], so that the product is a sum of contiguous rows. Where they are int8, the tables that
  * end in _b are twice as long: behind the biases they have the size of each output's steps, > 0. Every pointer is to
  * read-only tables, normally in flash, aligned to 4 bytes. */
@@ -365,15 +365,14 @@ typedef struct aminn_model {
     const float *range_max;    /* (STATE)         and largest; both widened by 5 % of the range */
     const float *aux_mean;     /* (AUX) [15]      stage 1's classifier: normalisation of what statics gives */
     const float *aux_inv_std;  /* (AUX) */
-    const void *cls1_w;        /* (H of stage 1 + AUX x HD)  input: trunk's output, then statics */
+    const void *cls1_w;        /* (H + AUX x HD)  input: stage 1's trunk, then statics */
     const float *cls1_b;       /* (HD) */
     const void *cls2_w;        /* (HD) */
     const float *cls2_b;       /* (1) */
     const float *sure_mean;    /* (SURE) [1]      how sure stage 2 is: normalisation of what statics gives */
     const float *sure_inv_std; /* (SURE) */
-    const void
-        *sure_w; /* (H of stage 2 + SURE x 2)  input: trunk's output, then statics; logit of p_slide, log of bound_95 */
-    const float *sure_b;                           /* (2) */
+    const void *sure_w;  /* (H + SURE x 2)  input: stage 2's trunk, then statics; logit of p_slide, log of bound_95 */
+    const float *sure_b; /* (2) */
     const struct aminn_known_answer *known_answer; /* a state, and the bits of its prediction */
     const aminn_storage_t *storage;                /* that of weight_type; null: float */
     aminn_stage_model_t stage[AMINN_N_STAGE];      /* 0: stage 1, 1: stage 2 */

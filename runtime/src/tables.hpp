@@ -11,6 +11,8 @@
 
 namespace aminn {
 
+#define AMINN_WIDTH(i) (kWidth + ((i) << 8)) // of a stage
+
 // What a table's length is made of: rows times columns, each a number below 256, or that and a width of the model.
 enum Extent : uint16_t {
     kContactWidth = 1u << 8,
@@ -18,7 +20,7 @@ enum Extent : uint16_t {
     kClassifierWidth = (2u + AMINN_N_STAGE) << 8,
     kTrunkInput = kContactWidth + AMINN_N_GLOBAL_INPUT,
     kClassifierInput = kWidth + AMINN_N_AUX,
-    kSureInput = kWidth + (1u << 8) + AMINN_N_SURE,
+    kSureInput = AMINN_WIDTH(1u) + AMINN_N_SURE,
 };
 
 constexpr unsigned kExtentBits = 11;
@@ -30,7 +32,7 @@ enum Kind : uint8_t {
     kBiases = 3,   // floats, and as many more above zero if the weights are int8
     kSees = 4,     // floats, and the model's n_told and n_sensed more rows
     kTold = 5,     // floats, its n_told more rows
-    kSeesWeights = kSees | kWeights,
+    kSeesWeights = 6,
 };
 
 struct TableInfo {
@@ -45,7 +47,6 @@ static_assert(1 + AMINN_N_STIFF < kContactWidth, "an extent has 8 bits: AMINN_N_
 
 #define AMINN_TABLE(field, rows, columns, kind) \
     {offsetof(aminn_model_t, field) / sizeof(void *), (rows) | ((columns) == 1 ? 0u : (columns) << kExtentBits), kind}
-#define AMINN_WIDTH(i) (kWidth + ((i) << 8))
 #define AMINN_STAGE_TABLES(i)                                                            \
     AMINN_TABLE(nominal.eps_m[i], AMINN_N_BRANCH, 1, kPositive),                         \
         AMINN_TABLE(stage[i].contact_mean, AMINN_N_CONTACT_INPUT, 1, kFloats),           \
@@ -125,9 +126,9 @@ struct Table {
     __builtin_memcpy(&table.numbers, reinterpret_cast<const char *>(&m) + info.place * sizeof(void *), sizeof(void *));
     uint32_t n = 1;
     uint32_t extents = info.extents;
-    const uint32_t plain = info.kind & 1u; // in each pair of kinds
+    const bool weights = info.kind == kWeights || info.kind == kSeesWeights;
     uint32_t width = info.kind >= kSees ? m.n_told : 0u;
-    width += info.kind >= kSees && plain == 0 ? m.n_sensed : 0u;
+    width += info.kind >= kSees && info.kind != kTold ? m.n_sensed : 0u;
     do {
         const uint32_t which = extents / kContactWidth % 8;
         if (which != 0) {
@@ -146,7 +147,7 @@ struct Table {
         n += n;
     }
     table.n = n;
-    table.size = sizeof(float) >> ((info.kind & kWeights) != 0 && plain == 0 ? m.weight_type & 3u : 0u);
+    table.size = sizeof(float) >> (weights ? m.weight_type & 3u : 0u);
 }
 
 // Each table of a blob begins at a multiple of this, counted from the blob's start: a row of weights then lies in as few

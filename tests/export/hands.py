@@ -146,12 +146,12 @@ def random_model(
     """
     if slides is None:
         slides = SLIDES and hand.name == REFERENCE_HAND
-    rng, (hc, *trunks, hd) = np.random.default_rng(seed), widths
+    rng, hc, hd = np.random.default_rng(seed), widths.contact, widths.classifier
     x = random_states(hand, 200, seed + 1)
     tensors = _nominal(hand)
     counts = {"tendons": hand.dims.tendons, "slides": slides, "sensing": sensing}
     dims = replace(dims_of(Model(counts, tensors)), factors=Theta(hand).factors if told else 0)
-    for stage, h in zip(STAGES, trunks, strict=True):
+    for stage, h in zip(STAGES, widths.trunks, strict=True):
         sizes = {"contact": (hc, dims.contact_input), "trunk1": (h, hc + dims.global_input), "trunk2": (h, h)}
         sizes["head"] = (dims.head, h)
         for layer, shape in sizes.items():
@@ -177,7 +177,7 @@ def random_model(
     meta = {
         "format_version": 1,
         "contact_width": hc,
-        "width": trunks,
+        "width": list(widths.trunks),
         "classifier_width": hd,
         "length_scale": hand.length_m,
         "log_range": 2.0,

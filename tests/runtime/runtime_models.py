@@ -107,7 +107,7 @@ def random_model(
     counts = {"tendons": DIMS.tendons, "slides": DIMS.slides, "sensing": False}
     dims = dims_of(RandomModel(counts, tensors))
     eps = by_branch([eps_m, 0.8 * eps_m], dims.branches)
-    for stage, width, eps_of_stage in zip(STAGES, (widths.stage1, widths.stage2), eps, strict=True):
+    for stage, width, eps_of_stage in zip(STAGES, widths.trunks, eps, strict=True):
         for name, shape in stage_shapes(dims, widths.contact, width).items():
             tensors[f"{stage}.{name}"] = eps_of_stage if name == "eps_m" else _random_table(rng, name, shape)
         tensors |= {f"{stage}.{k}": v for k, v in _fit_normalisers(random_inputs(512, seed + 1)).items()}
@@ -123,7 +123,7 @@ def random_model(
     meta = {
         "format_version": 1,
         "contact_width": widths.contact,
-        "width": [widths.stage1, widths.stage2],
+        "width": list(widths.trunks),
         "classifier_width": widths.classifier,
         "length_scale": 0.1,
         "log_range": 2.0,

@@ -140,3 +140,15 @@ def test_baseline_has_the_same_budget() -> None:
         for stage in ("stage1", "stage2"):
             a, m = n_parameters(getattr(aminn, stage)), n_parameters(getattr(mlp, stage))
             assert abs(m / a - 1) < 0.02, (stage, a, m)
+
+
+@pytest.mark.parametrize("seen", [{}, {"told": True}, {"sensors": True}])
+def test_no_other_width_of_the_baseline_is_nearer_to_the_budget(seen: dict[str, bool]) -> None:
+    """One unit more or less is 5 % of a narrow stage."""
+    config = ModelConfig(**seen)
+    aminn, mlp = Aminn(config, HAND), Mlp(config, HAND)
+    for stage in ("stage1", "stage2"):
+        part, budget = getattr(mlp, stage), n_parameters(getattr(aminn, stage))
+        n_in, width, n_out = part.hidden1.in_features, part.hidden1.out_features, part.out.out_features
+        off = [abs((n_in + w + 2) * w + (w + 1) * n_out - budget) for w in (width - 1, width, width + 1)]
+        assert off[1] == min(off) == abs(n_parameters(part) - budget)

@@ -107,7 +107,7 @@ def read_bin_model(path: AnyPath) -> BinModel:
         "format_version": TABLES_VERSION,
         "weights": kind,
         "contact_width": widths.contact,
-        "width": [widths.stage1, widths.stage2],
+        "width": list(widths.trunks),
         "classifier_width": widths.classifier,
         "dq0": names[0][dq0],
         "checkpoint_sha256": fields[34].hex(),

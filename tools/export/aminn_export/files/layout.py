@@ -59,6 +59,11 @@ class Widths(NamedTuple):
     stage2: int
     classifier: int
 
+    @property
+    def trunks(self) -> tuple[int, int]:
+        """Of stage 1 and stage 2."""
+        return self.stage1, self.stage2
+
 
 class Layout(NamedTuple):
     """A checked model in the runtime's order."""
@@ -140,7 +145,7 @@ def sure_shapes(dims: Dims, h: int) -> dict[str, tuple[int, ...]]:
 def tensor_order(dims: Dims, widths: Widths) -> list[tuple[str, str, tuple[int, ...]]]:
     """(owner, name, shape) of every table in file order; owner is "", "s1" or "s2"."""
     order = [("", name, shape) for name, shape in shared_shapes(dims).items()]
-    for stage, width in zip(STAGES, (widths.stage1, widths.stage2), strict=True):
+    for stage, width in zip(STAGES, widths.trunks, strict=True):
         order += [(stage, name, shape) for name, shape in stage_shapes(dims, widths.contact, width).items()]
     last = classifier_shapes(dims, widths.stage1, widths.classifier) | sure_shapes(dims, widths.stage2)
     return order + [("", name, shape) for name, shape in last.items()]

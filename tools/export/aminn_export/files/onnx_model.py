@@ -168,8 +168,8 @@ _OF_TRUNK = {"trunk1_w": (0,), "trunk1_b": (0,), "trunk2_w": (0, 1), "trunk2_b":
 def _evenly_wide(exported: Exported) -> dict[str, NDArray[Any]]:
     """The tables of both stages as wide as the wider one's, so that they stack: what is added is zero."""
     widths, tensors = widths_of(exported.meta), dict(exported.tensors)
-    wide = max(widths.stage1, widths.stage2)
-    for stage, width, last in zip(STAGES, (widths.stage1, widths.stage2), ("cls1_w", "sure_w"), strict=True):
+    wide = max(widths.trunks)
+    for stage, width, last in zip(STAGES, widths.trunks, ("cls1_w", "sure_w"), strict=True):
         for field, axes in (_OF_TRUNK | {last: (1,)}).items():
             for axis in axes:
                 name = f"{stage}.{field}"
