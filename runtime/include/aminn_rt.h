@@ -176,12 +176,12 @@ typedef char aminn_compile_without_fpack_struct[sizeof(struct aminn_layout) == 2
 #define AMINN_N_CONTACT_INPUT (AMINN_N_BRANCH * AMINN_N_BRANCH_FEATURE)      /* 51 */
 #define AMINN_N_GLOBAL_INPUT (AMINN_N_JOINT + 3 * AMINN_N_WRENCH)            /* 26 */
 #define AMINN_N_BRANCH_HEAD \
-    (AMINN_N_CHOLESKY + (AMINN_N_GATED > 0) * (AMINN_N_COORD + 4) + (AMINN_N_TWIST > 0) + 4 * AMINN_N_SLIDE) /* 13 */
-#define AMINN_N_HEAD (AMINN_N_BRANCH * AMINN_N_BRANCH_HEAD)                                                  /* 39 */
-#define AMINN_N_HEAD_STORED ((AMINN_N_HEAD + 7) / 8 * 8)                                                     /* 40 */
-#define AMINN_N_SLID (3 * AMINN_N_SLIDE * AMINN_N_BRANCH)                                                    /* 0 */
-#define AMINN_N_AUX (2 * AMINN_N_WRENCH + (AMINN_N_GATED > 0) * AMINN_N_BRANCH + AMINN_N_SLID)               /* 15 */
-#define AMINN_N_SURE (1 + AMINN_N_SLID)                                                                      /* 1 */
+    (AMINN_N_CHOLESKY + (AMINN_N_GATED > 0) * (AMINN_N_COORD + 4) + (AMINN_N_TWIST > 0) + 4 * AMINN_N_SLIDE) /* 17 */
+#define AMINN_N_HEAD (AMINN_N_BRANCH * AMINN_N_BRANCH_HEAD)                                                  /* 51 */
+#define AMINN_N_HEAD_STORED ((AMINN_N_HEAD + 7) / 8 * 8)                                                     /* 56 */
+#define AMINN_N_SLID (3 * AMINN_N_SLIDE * AMINN_N_BRANCH)                                                    /* 9 */
+#define AMINN_N_AUX (2 * AMINN_N_WRENCH + (AMINN_N_GATED > 0) * AMINN_N_BRANCH + AMINN_N_SLID)               /* 24 */
+#define AMINN_N_SURE (1 + AMINN_N_SLID)                                                                      /* 10 */
 #define AMINN_N_STATE (AMINN_N_JOINT + 2 * AMINN_N_WRENCH + AMINN_N_BRANCH * AMINN_N_CONTACT_FEATURE)        /* 44 */
 #define AMINN_N_INPUT (AMINN_N_STATE + AMINN_N_BRANCH * 3 * (AMINN_N_WRENCH + AMINN_N_COORD))                /* 125 */
 #define AMINN_N_OUTPUT (3 + AMINN_N_WRENCH + AMINN_N_WRENCH * AMINN_N_WRENCH + 2 * AMINN_N_BRANCH)           /* 51 */
@@ -195,7 +195,7 @@ typedef char aminn_compile_without_fpack_struct[sizeof(struct aminn_layout) == 2
  * compliance of each branch's contact. A told model sees these, at the end of its global input. */
 #define AMINN_N_FACTOR (AMINN_N_STIFF + AMINN_N_BRANCH)    /* 13 */
 #define AMINN_N_THETA (AMINN_N_FACTOR + AMINN_N_JOINT + 1) /* 22 */
-#define AMINN_N_TERM (AMINN_N_CHOLESKY + 1) /* 7: of a branch what a stiffness adds to springs and gain */
+#define AMINN_N_TERM (AMINN_N_CHOLESKY + 1)                /* 7: what a stiffness adds to a branch's springs and gain */
 #define AMINN_N_TOLD_INPUT (AMINN_N_GLOBAL_INPUT + AMINN_N_FACTOR + AMINN_N_SENSED) /* 52: at most */
 #define AMINN_N_STATICS (AMINN_N_AUX > AMINN_N_SURE ? AMINN_N_AUX : AMINN_N_SURE)   /* that either sees: at most */
 #define AMINN_N_LAST_INPUT (AMINN_N_CONTACT_INPUT > AMINN_N_TOLD_INPUT ? AMINN_N_CONTACT_INPUT : AMINN_N_TOLD_INPUT)
@@ -219,9 +219,9 @@ typedef char aminn_compile_without_fpack_struct[sizeof(struct aminn_layout) == 2
                      AMINN_N_TENDON, AMINN_N_SLIDE)
 extern const char AMINN_LIBRARY[];
 
-/* Largest contact_width, width and classifier_width that a context has room for. Define it before the library and its
- * users are compiled (the same for both) to save memory. sizeof(aminn_t) shrinks by 12 bytes for each unit, and by 4
- * once statics needs more room than layers: where contacts can slide, from about a hundred on. */
+/* Largest contact_width, width of a stage and classifier_width that a context has room for. Define it before the library
+ * and its users are compiled (the same for both) to save memory. sizeof(aminn_t) shrinks by 12 bytes for each unit. Where
+ * contacts can slide it shrinks by 4 below about a hundred units, since statics then needs more room than layers. */
 #ifndef AMINN_MAX_WIDTH
 #define AMINN_MAX_WIDTH 128
 #endif
@@ -292,25 +292,26 @@ typedef struct aminn_varied {
     const float *eps_m[AMINN_N_STAGE]; /* (B)             isotropic contact compliance of each stage, m/N, > 0 */
 } aminn_varied_t;
 
-/* Tables and constants of one stage. HC is contact_width, H the stage's width. Lengths of the reference hand are in brackets.
- * Weights are stored [input][output], so that the product is a sum of contiguous rows. Where they are int8, the tables that
- * end in _b are twice as long: behind the biases they have the size of each output's steps, > 0. Every pointer is to
- * read-only tables, normally in flash, aligned to 4 bytes. */
+/* Tables and constants of one stage. HC is contact_width, H the stage's width, G the length of the global input:
+ * AMINN_N_GLOBAL_INPUT + n_told + n_sensed. Lengths of the reference model are in brackets. Weights are stored
+ * [input][output], so that the product is a sum of contiguous rows. Where they are int8, the tables that end in _b are twice
+ * as long: behind the biases they have the size of each output's steps, > 0. Every pointer is to read-only tables, normally
+ * in flash, aligned to 4 bytes. */
 typedef struct aminn_stage_model {
     float eps_kx;                 /* added stiffness, N/m and N.m/rad, > 0 */
     float eps_jq;                 /* regularisation of j_q in AMINN_DQ0_INVERSE, m/rad, >= 0 */
     const float *contact_mean;    /* (CONTACT_INPUT) [51]         normalisation of the contact input */
     const float *contact_inv_std; /* (CONTACT_INPUT) */
-    const float *global_mean;     /* (GLOBAL_INPUT) [26]          normalisation of q, x_ht, w_e, signed log of w_e; */
-    const float *global_inv_std; /* (GLOBAL_INPUT)               n_told factors behind them, then n_sensed of sensors */
-    const void *contact_w;       /* (CONTACT_INPUT x HC)         contact summary */
-    const float *contact_b;      /* (HC) */
-    const void *trunk1_w;        /* (HC + GLOBAL_INPUT x H)      input: contact summary, then global state, as long */
-    const float *trunk1_b;       /* (H) */
-    const void *trunk2_w;        /* (H x H) */
-    const float *trunk2_b;       /* (H) */
-    const void *head_w;          /* (H x HEAD_STORED) [H x 40]   mechanics head: corrections for each branch, zeros */
-    const float *head_b;         /* (HEAD_STORED) */
+    const float *global_mean;     /* (G) [39]                     normalisation of q, x_ht, w_e, signed log of w_e, */
+    const float *global_inv_std;  /* (G)                          then n_told factors, n_sensed numbers of sensors */
+    const void *contact_w;        /* (CONTACT_INPUT x HC)         contact summary */
+    const float *contact_b;       /* (HC) */
+    const void *trunk1_w;         /* ((HC + G) x H)               input: contact summary, then global input */
+    const float *trunk1_b;        /* (H) */
+    const void *trunk2_w;         /* (H x H) */
+    const float *trunk2_b;        /* (H) */
+    const void *head_w;           /* (H x HEAD_STORED) [H x 56]   mechanics head: corrections for each branch, zeros */
+    const float *head_b;          /* (HEAD_STORED) */
 } aminn_stage_model_t;
 
 /* A trained model: constants and pointers to its tables. `aminn export` writes it as C source, or aminn_model_from_blob()
@@ -355,23 +356,23 @@ typedef struct aminn_model {
     const float *wrench_log_scale; /* (6)             N, N.m; > 0 */
     const float *tendon_dir_nom;   /* (B x C)         nominal tendon direction; null without gates, as the next */
     const float *gate_nom;         /* (3)             alpha 1/rad, beta rad, rho */
-    const float
-        *theta_terms;        /* (1 + S x B x TERM) [11 x 3 x 7] what the rest, then each stiffness adds to each branch's
-                                      springs (entries of K in the order of chol) and its gated tendon's gain, N.m/rad */
-    const float *coord_mask; /* (B x C)         1 where a branch has the coordinate, else 0: it lacks the first */
-    const float *geom_axis;  /* (B x C x 3)     unit, H: joint axes at q = 0; zeros where absent */
+    /* Springs of each branch (entries of K in the order of chol) and gain of its gated tendon: first the part that theta
+     * leaves as it is, then the part of each stiffness, which its factor multiplies. */
+    const float *theta_terms;  /* ((1 + S) x B x TERM) [11 x 3 x 7], N.m/rad */
+    const float *coord_mask;   /* (B x C)         1 where a branch has the coordinate, else 0: it lacks the first */
+    const float *geom_axis;    /* (B x C x 3)     unit, H: joint axes at q = 0; zeros where absent */
     const float *geom_anchor;  /* (B x C x 3)     m, H: a point on each axis at q = 0; zeros where absent */
     const float *range_min;    /* (STATE) [44]    smallest value of each field of aminn_state_t in training, */
     const float *range_max;    /* (STATE)         and largest; both widened by 5 % of the range */
-    const float *aux_mean;     /* (AUX) [15]      stage 1's classifier: normalisation of what statics gives */
+    const float *aux_mean;     /* (AUX) [24]      stage 1's classifier: normalisation of what statics gives */
     const float *aux_inv_std;  /* (AUX) */
-    const void *cls1_w;        /* (H + AUX x HD)  input: stage 1's trunk, then statics */
+    const void *cls1_w;        /* ((H + AUX) x HD) input: stage 1's trunk, then statics */
     const float *cls1_b;       /* (HD) */
     const void *cls2_w;        /* (HD) */
     const float *cls2_b;       /* (1) */
-    const float *sure_mean;    /* (SURE) [1]      how sure stage 2 is: normalisation of what statics gives */
+    const float *sure_mean;    /* (SURE) [10]     how sure stage 2 is: normalisation of what statics gives */
     const float *sure_inv_std; /* (SURE) */
-    const void *sure_w;  /* (H + SURE x 2)  input: stage 2's trunk, then statics; logit of p_slide, log of bound_95 */
+    const void *sure_w;  /* ((H + SURE) x 2) input: stage 2's trunk, then statics; logit of p_slide, log of bound_95 */
     const float *sure_b; /* (2) */
     const struct aminn_known_answer *known_answer; /* a state, and the bits of its prediction */
     const aminn_storage_t *storage;                /* that of weight_type; null: float */
@@ -465,8 +466,8 @@ typedef struct aminn_output {
      * rotation error in rad */
     float bound_95;
 
-    /* share of its friction that each contact uses under the load if none slides, 0 .. 100; 0 out of contact, and where
-     * contacts cannot slide (AMINN_N_SLIDE 0) */
+    /* share of its friction that each contact uses under the load if none slides: 1 is all of it, more is cut to 100; 0 out
+     * of contact, and where contacts cannot slide (AMINN_N_SLIDE 0) */
     float friction_use[AMINN_N_BRANCH];
 
     /* how far apart the stiffnesses of the grasped tool lie: trace(K) trace(K0^-1), K the stiffness with lengths divided by
@@ -681,7 +682,7 @@ aminn_status_t aminn_self_test(aminn_t *ctx);
  * Predict from a state and its closure Jacobians.
  *
  *   ctx  initialised context, written.
- *   in   not changed; may live in ctx's caller's memory, not inside ctx.
+ *   in   not changed; must not lie inside ctx.
  *   out  written.
  *
  * Returns AMINN_OK; AMINN_E_NULL; AMINN_E_NOT_INITIALISED; for a bad input, in this order of precedence,
@@ -716,7 +717,7 @@ aminn_status_t aminn_predict_state(aminn_t *ctx, const aminn_state_t *state, ami
  * Returns AMINN_OK; AMINN_E_NULL; AMINN_E_NOT_INITIALISED; AMINN_E_SENSORS where the model sees none, after which ctx is as
  * before. A prediction returns AMINN_E_SENSORS where a number is not finite, known or not, a flag is neither 0 nor 1, a known
  * coefficient of friction is not above 0, or its standard deviation is negative; a bad state comes first. A known weight makes
- * a prediction about 4 % longer. Nothing of it is linked unless called.
+ * a prediction about 7 % longer. Nothing of it is linked unless called.
  */
 aminn_status_t aminn_sense(aminn_t *ctx, const aminn_sensors_t *sensors);
 
@@ -788,7 +789,7 @@ aminn_status_t aminn_calibrator_init(aminn_calibrator_t *calibrator, const aminn
  * Where contacts can slide (AMINN_N_SLIDE) and ctx has sensors (aminn_sense()), each push also says something about the
  * friction of its grasp, whatever becomes of theta: aminn_calibrator_friction(). This starts again with each grasp.
  *
- * Takes less than two predictions. Returns AMINN_OK: see calibrator->outcome; AMINN_E_NULL; AMINN_E_NOT_INITIALISED;
+ * Takes about as long as two predictions. Returns AMINN_OK: see calibrator->outcome; AMINN_E_NULL; AMINN_E_NOT_INITIALISED;
  * AMINN_E_CALIBRATION where the calibrator is not of the context's model, or was moved; for a bad state or displacement what
  * aminn_predict_state() returns; AMINN_E_NUMERIC where the statics or the fit are not finite.
  */
