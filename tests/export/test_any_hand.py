@@ -12,6 +12,7 @@ import pytest
 from hands import HANDS, UNEVEN, Model, made_up, random_model, random_states, same_eps_m
 
 from aminn.evaluation.metrics import holds
+from aminn.prediction.onnx_session import check_graph
 from aminn_base.errors import AminnError
 from aminn_export.files.onnx_model import build_onnx, onnx_metadata
 from aminn_export.files.tables import by_branch, dims_of
@@ -61,6 +62,7 @@ def test_names_and_shapes_are_the_contract(hand: Hand, model: Model, debug: bool
         found = {v.name: tuple(d.dim_param or d.dim_value for d in v.type.tensor_type.shape.dim) for v in values}
         assert found == {k: ("N", *shape) for k, shape in shapes.items()}
     assert {n.domain for n in built.graph.node} == {""}
+    check_graph(single_thread_session(built.SerializeToString()), hand.dims, "aminn.onnx")  # which ONNX Runtime infers
 
 
 def test_outputs_are_those_of_float64(hand: Hand, model: Model, states: dict[str, np.ndarray]) -> None:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
+import onnx
 import pytest
+from onnx import TensorProto, helper, numpy_helper
 
 from aminn.data.dataset import load_dataset
 from aminn.model.checkpoint import CARD, CARD_HASH, META, WEIGHTS, load_checkpoint
@@ -19,6 +21,7 @@ from aminn_export.files.bin_model import read_bin_model
 from aminn_export.files.hand_header import HAND_HEADER, name_in
 from aminn_export.files.onnx_model import read_metadata
 from aminn_export.judge.identity import misfits
+from aminn_export.judge.verify import evaluate_exact
 from aminn_export.samples import vectors
 from aminn_export.samples.vectors import read_results, read_vectors, write_results
 from aminn_rt.blob import check_blob
@@ -146,6 +149,89 @@ def test_metadata_of_onnx_models(name: str, tmp_path: Path) -> None:
     if name != "no tau" and "input" not in name:
         with pytest.raises(AminnError, match=rf"^{re.escape(str(file))}: .*export the model again"):
             read_metadata(file)
+
+
+def _named(graph: onnx.GraphProto, old: str, new: str) -> None:
+    """What nodes call `old` has another name."""
+    for node in graph.node:
+        for names in (node.input, node.output):
+            names[:] = [new if name == old else name for name in names]
+
+
+def _last(graph: onnx.GraphProto, name: str, kind: str, *more: str, **attributes: object) -> onnx.ValueInfoProto:
+    """A further node makes the output `name` of what it was."""
+    _named(graph, name, f"own_{name}")
+    graph.node.append(helper.make_node(kind, [f"own_{name}", *more], [name], **attributes))
+    return _value(graph.output, name)
+
+
+def _value(values: Iterable[onnx.ValueInfoProto], name: str) -> onnx.ValueInfoProto:
+    return next(value for value in values if value.name == name)
+
+
+def _without(graph: onnx.GraphProto) -> None:
+    graph.output.remove(_value(graph.output, "k_x"))
+
+
+def _renamed(graph: onnx.GraphProto) -> None:
+    _named(graph, "p_slide", "p_slip")
+    _value(graph.output, "p_slide").name = "p_slip"
+
+
+def _of_another_type(graph: onnx.GraphProto) -> None:
+    output = _last(graph, "dx_ht", "Cast", to=TensorProto.DOUBLE)
+    output.type.tensor_type.elem_type = TensorProto.DOUBLE
+
+
+def _of_another_shape(graph: onnx.GraphProto) -> None:
+    graph.initializer.append(numpy_helper.from_array(np.array([1]), "behind"))
+    _last(graph, "p_stable", "Unsqueeze", "behind")
+
+
+def _one_row(graph: onnx.GraphProto) -> None:
+    for value in (*graph.input, *graph.output):
+        value.type.tensor_type.shape.dim[0].dim_value = 1
+
+
+def _another_input(graph: onnx.GraphProto) -> None:
+    _named(graph, "w_e", "load")
+    _value(graph.input, "w_e").name = "load"
+
+
+def _a_further_input(graph: onnx.GraphProto) -> None:
+    graph.input.append(helper.make_tensor_value_info("time", TensorProto.FLOAT, ["N"]))
+
+
+OTHER_GRAPHS: dict[str, tuple[Callable[[onnx.GraphProto], None], str]] = {
+    "an output less": (_without, "its graph has no output k_x"),
+    "an output of another name": (_renamed, "its graph has no output p_slide"),
+    "an output of another type": (_of_another_type, r"its output dx_ht is tensor\(double\), not tensor\(float\)"),
+    "an output of another shape": (_of_another_shape, r"its output p_stable has the shape \(N, 1\), not \(N\)"),
+    "one row alone": (_one_row, r"its input q has the shape \(1, 8\), not \(N, 8\)"),
+    "an input of another name": (_another_input, "its graph has no input w_e"),
+    "an input more": (_a_further_input, "its graph needs an input time, which no model has"),
+}
+
+
+@pytest.mark.parametrize("name", OTHER_GRAPHS)
+def test_graphs_that_are_not_written_here(name: str, tmp_path: Path) -> None:
+    """All but another type ended in an exception of Python's, NumPy's or ONNX Runtime's once the model predicted."""
+    change, message = OTHER_GRAPHS[name]
+    model = onnx.load_model_from_string(ONNX)
+    change(model.graph)
+    file = tmp_path / "aminn.onnx"
+    file.write_bytes(model.SerializeToString())
+    line = rf"^{re.escape(str(file))}: {message}; export the model again$"
+    with pytest.raises(AminnError, match=line):
+        open_engine(file)
+    golden = read_vectors(GOLDEN / "golden.bin").inputs
+    with pytest.raises(AminnError, match=line):
+        evaluate_exact(tmp_path, read_bin_model(GOLDEN / "aminn_model.bin"), golden)
+
+
+def test_further_outputs_pass() -> None:
+    """Those of `aminn_debug.onnx`."""
+    assert open_engine(GOLDEN / "aminn_debug.onnx").hand.name == open_engine(GOLDEN / "aminn.onnx").hand.name
 
 
 def test_onnx_models_by_verify(tmp_path: Path) -> None:

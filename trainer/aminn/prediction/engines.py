@@ -33,7 +33,7 @@ from ..evaluation.predict import run_model, true_states
 from ..model.baseline import Mlp
 from ..model.checkpoint import META, Checkpoint, load_checkpoint
 from ..model.network import Aminn
-from .onnx_session import onnx_session, run_onnx
+from .onnx_session import check_graph, onnx_session, run_onnx
 
 ENGINES = ("torch", "onnx", "runtime")
 ONNX_FILE = "aminn.onnx"
@@ -182,6 +182,7 @@ class OnnxEngine(Engine):
         meta = self._session(1).get_modelmeta().custom_metadata_map
         self._hand, self.name = hand_in(source, meta), source.stem
         self.tau = tau_in(source, meta)
+        check_graph(self._session(1), self._hand.dims, source)
 
     @property
     def hand(self) -> Hand:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from aminn_base.errors import AminnError
 from aminn_base.read import AnyPath, read_bytes
 from aminn_base.seal import check_bytes
+from aminn_hand.hand import Dims
 
 # Samples a call. ONNX Runtime's bits depend on it, and on the optimisation level.
 CHUNK = 1024
@@ -21,6 +22,8 @@ FILE_HASH = "file_sha256"
 """Key of a model's metadata: the SHA-256 of its file with zeros in this place."""
 HASH_MARK = FILE_HASH.encode() + b'\x12B"'
 """What stands before it in the file: a text of 66 bytes, in quotation marks."""
+FLOAT32 = "tensor(float)"
+"""What ONNX Runtime calls the type of every input and output."""
 
 
 def check_onnxruntime() -> None:
@@ -63,6 +66,31 @@ def onnx_session(model: AnyPath | bytes, threads: int, name: AnyPath = "ONNX mod
             f"{name}: its names or metadata are not UTF-8 text ({error}); export the model again"
         ) from error
     return session
+
+
+def check_graph(session: ort.InferenceSession, dims: Dims, name: AnyPath) -> None:
+    """Raise AminnError where the graph of the model `name` takes or gives anything but what AMINN writes for a hand.
+
+    Further outputs, as those of `aminn_debug.onnx`, are let pass.
+    """
+    more, taken = "export the model again", {value.name for value in session.get_inputs()}
+    for kind, values, shapes in (
+        ("input", session.get_inputs(), dims.inputs),
+        ("output", session.get_outputs(), dims.outputs),
+    ):
+        found = {value.name: value for value in values}
+        for own, shape in shapes.items():
+            if own not in found:
+                raise AminnError(f"{name}: its graph has no {kind} {own}; {more}")
+            if found[own].type != FLOAT32:
+                raise AminnError(f"{name}: its {kind} {own} is {found[own].type}, not {FLOAT32}; {more}")
+            is_now = found[own].shape
+            # the first is a name, or unknown, where rows may be any number
+            if is_now[1:] != [*shape] or not is_now or isinstance(is_now[0], int):
+                texts = (f"({', '.join(map(str, s))})" for s in (is_now, ("N", *shape)))
+                raise AminnError(f"{name}: its {kind} {own} has the shape {', not '.join(texts)}; {more}")
+    if unknown := sorted(taken - set(dims.inputs)):
+        raise AminnError(f"{name}: its graph needs an input {unknown[0]}, which no model has; {more}")
 
 
 def in_chunks(

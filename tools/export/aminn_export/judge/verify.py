@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from aminn.data.dataset import SPLITS, Dataset, load_dataset, split_of
 from aminn.evaluation.evaluate import align_columns
 from aminn.evaluation.metrics import holds
-from aminn.prediction.onnx_session import run_onnx
+from aminn.prediction.onnx_session import check_graph, run_onnx
 from aminn_base.errors import AminnError
 from aminn_base.files import write_atomically
 from aminn_base.read import AnyPath
@@ -235,6 +235,7 @@ def evaluate_exact(export_dir: Path, model: BinModel, inputs: dict[str, NDArray]
     file = export_dir / ONNX_FILE
     if not file.is_file():
         raise AminnError(f"{export_dir}: no {ONNX_FILE}; is this a folder that `aminn export` wrote?")
+    check_graph(single_thread_session(file), dims_of(model), file)
     onnx = load_engine(engine, file)(inputs)
     for name, value in onnx.items():
         if not np.isfinite(value).all():
