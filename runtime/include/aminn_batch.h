@@ -48,7 +48,7 @@ typedef struct aminn_batch {
     /* null, or both (aminn_input_t): rows are predicted as aminn_predict() does, else as aminn_predict_state() does */
     aminn_rows_t j_x; /* (B x 3 x 6) */
     aminn_rows_t j_q; /* (B x 3 x C) */
-    /* null, or theta (AMINN_N_THETA) in place of the context's calibration; takes about a sixth of a prediction more where a
+    /* null, or theta (AMINN_N_THETA) in place of the context's calibration; takes about a fifth of a prediction more where a
      * row's differs from the one before it */
     aminn_rows_t theta;
     /* null, or fields of aminn_sensors_t in place of the context's sensors */
