@@ -464,12 +464,13 @@ class Hand:
         return float(np.linalg.norm(tips[list(first)].mean(0) - tips[list(second)].mean(0)))
 
     def coupled(self, q: Array) -> Array:
-        """The joint angles (J) nearest to q at which the couplings are at rest."""
+        """The joint angles (..., J) nearest to q at which the couplings are at rest."""
         q = q.copy()
         for branch, at in zip(self.branches, self.branch_joints, strict=True):
             for coupling in branch.couplings:
                 ratio = np.array(coupling.ratio)
-                q[at] = q[at] - ratio * (ratio @ q[at]) / (ratio @ ratio)
+                along = (ratio[None] @ q[..., at, None])[..., 0]  # one product a row, so that the bits are those of one
+                q[..., at] = q[..., at] - ratio * along / (ratio @ ratio)
         return q
 
     @cached_property
