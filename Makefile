@@ -180,7 +180,7 @@ fuzz: $(STAMPS)/fuzz ## the library against arbitrary models, inputs, files, que
 	@PYTHONPATH=tools/base python3 tests/fuzz/run.py --build $(FUZZ) --seconds $(SECONDS) --jobs $(JOBS) --report $(REPORTS)/reliability/fuzz.json
 	@echo "No crash. Report, of all runs so far: $(REPORTS)/reliability/fuzz.json"
 
-.PHONY: properties soak differential defects
+.PHONY: properties soak differential defects races
 properties: setup-host-tests ## laws of statics on random models of all test hands, in C (CASES_EACH=100000 of each hand)
 	@PYTHONPATH=tools/base python3 tests/reliability/figures.py --prefix properties_ --report $(REPORTS)/reliability/properties.json \
 	  --each '$(HOST)/tests/runtime/test_hands_[0-9]*x?_*_gates*' -- --properties $(CASES_EACH)
@@ -200,6 +200,10 @@ defects: setup-python $(STAMPS)/fuzz $(STAMPS)/unity $(STAMPS)/apt-realtime ## s
 	@$(PYTHON) tests/reliability/defects.py --work $(BUILD)/defects --fuzz $(FUZZ)/fast --unity $(BUILD)/unity \
 	  --report $(REPORTS)/reliability/defects_runtime.json
 	@echo "Report: $(REPORTS)/reliability/defects_runtime.json"
+
+races: setup-python ## the simulator under ThreadSanitizer, sound and with seeded races
+	@$(PYTHON) tests/reliability/races.py --work $(BUILD)/races --report $(REPORTS)/reliability/races_simulator.json
+	@echo "Report: $(REPORTS)/reliability/races_simulator.json"
 
 .PHONY: corrupt
 corrupt: setup-python setup-host-tests ## the reference model with each byte changed three ways, and cut at each length, a sample of other files: refused (ten minutes)

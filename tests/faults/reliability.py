@@ -29,6 +29,7 @@ PARTS = {
     "differential": "make differential",
     "soak": "make soak",
     "defects_runtime": "make defects",
+    "races_simulator": "make races",
 }
 NONE = ("faults", "broken", "silent", "failed", "crashes", "different")
 """Ends of names of figures that are to be 0."""
