@@ -15,7 +15,7 @@ constexpr uint32_t kFlags = AMINN_FLAG_ALWAYS_STAGE2 | AMINN_FLAG_DEBUG;
 constexpr double kRounding = 1e-4;      /* of work, where stiffnesses lie less than kFar apart */
 constexpr float kFar = 1e6F;            /* condition */
 constexpr float kFewDigits = 1e5F;      /* condition from which a stored K_x may have lost its smallest eigenvalue */
-constexpr double kLostByStoring = 1e-3; /* of a pivot, in float32, beyond */
+constexpr double kLostByStoring = 1e-6; /* of an eigenvalue, in float32, beyond */
 constexpr float kTiny = 1e-30F;         /* scaling by powers of two is exact above */
 constexpr int kPool = 2 * (AMINN_MAX_WIDTH + AMINN_N_LAST_INPUT) * AMINN_MAX_WIDTH;
 
@@ -181,27 +181,24 @@ inline double work(const float *w, const float *dx)
     return sum;
 }
 
-/* Of a symmetric matrix with ones on its diagonal: the smallest pivot of its Cholesky factorisation. */
-inline double least_pivot(const float *k, int n)
+/* Whether a symmetric matrix, scaled to ones on its diagonal, has no eigenvalue of -shift or less (shift of any sign). */
+inline bool is_definite(const float *k, int n, double shift)
 {
-    double a[AMINN_N_WRENCH][AMINN_N_WRENCH], least = 1.0;
+    double a[AMINN_N_WRENCH][AMINN_N_WRENCH];
     for (int i = 0; i < n; ++i) {
         for (int j = 0; j <= i; ++j) {
             const double size = std::sqrt(static_cast<double>(k[n * i + i]) * static_cast<double>(k[n * j + j]));
-            double sum = static_cast<double>(k[n * i + j]) / size;
+            double sum = static_cast<double>(k[n * i + j]) / size + (i == j ? shift : 0.0);
             for (int m = 0; m < j; ++m) {
                 sum -= a[i][m] * a[j][m];
             }
-            if (i == j) {
-                least = std::fmin(least, sum == sum ? sum : -1.0);
-                sum = std::sqrt(std::fmax(sum, 1e-12));
-            } else {
-                sum /= a[j][j];
+            if (i == j && !(sum > 0.0)) {
+                return false;
             }
-            a[i][j] = sum;
+            a[i][j] = i == j ? std::sqrt(sum) : sum / a[j][j];
         }
     }
-    return least;
+    return true;
 }
 
 inline bool is_spd(const Trial &t)
@@ -215,9 +212,9 @@ inline bool is_spd(const Trial &t)
             }
         }
         const bool sure = s == 1 && !kSlides && t.out.condition < kFewDigits;
-        ok = ok && least_pivot(stage.k_x[0], AMINN_N_WRENCH) > (sure ? 0.0 : -kLostByStoring);
+        ok = ok && is_definite(stage.k_x[0], AMINN_N_WRENCH, sure ? 0.0 : kLostByStoring);
         for (int b = 0; b < B; ++b) {
-            ok = ok && least_pivot(stage.k_spring[b][0], C) > -1e-6 && stage.k_spring[b][C - 1][C - 1] > 0.0F;
+            ok = ok && is_definite(stage.k_spring[b][0], C, kLostByStoring);
         }
     }
     return ok;
@@ -280,6 +277,9 @@ inline bool no_farther(const Trial &t, const Trial &before, const aminn_input_t 
 {
     bool ok = true;
     for (int s = 0; s < AMINN_N_STAGE; ++s) {
+        if (!is_definite(t.stage(s).k_x[0], AMINN_N_WRENCH, -1.0 / static_cast<double>(kFar))) {
+            continue; /* the condition that is told is of stage 2 alone */
+        }
         const double soft = work(in.w_e, before.stage(s).dx0), stiff = work(in.w_e, t.stage(s).dx0);
         ok = ok && stiff <= soft * (1.0 + kRounding) + static_cast<double>(kTiny);
         if (tendons && !kSlides) {
@@ -371,11 +371,14 @@ inline void mirror(aminn_input_t &in)
     }
 }
 
-inline void note(Law &law, bool sound, bool holds)
+inline void note(Law &law, uint32_t seed, bool sound, bool holds)
 {
     ++law.cases;
     law.skipped += sound ? 0 : 1;
-    law.broken += sound && !holds ? 1 : 0;
+    if (sound && !holds) {
+        ++law.broken;
+        std::fprintf(stderr, "%s is broken by case %lu\n", law.name, static_cast<unsigned long>(seed));
+    }
 }
 
 /* One random case through every law. */
@@ -388,18 +391,18 @@ inline void try_case(Core core, uint32_t seed, Law *laws)
     after = Trial(core);
     random_case(seed, c);
     bool sound = before.predict(c.model, c.in);
-    note(laws[kSpd], sound, is_spd(before));
-    note(laws[kWork], sound, gives_energy(before, c.in));
+    note(laws[kSpd], seed, sound, is_spd(before));
+    note(laws[kWork], seed, sound, gives_energy(before, c.in));
     aminn_input_t unloaded = c.in;
     std::memset(unloaded.w_e, 0, sizeof unloaded.w_e);
     const bool resting = after.predict(c.model, unloaded);
-    note(laws[kRest], resting, is_at_rest(after));
+    note(laws[kRest], seed, resting, is_at_rest(after));
 
     c.model.n_told = 0; /* else the networks see what is changed below */
     sound = before.predict(c.model, c.in) && before.out.condition < kFar;
     const bool tendons = stiffen(random, c);
     sound = after.predict(c.model, c.in) && after.out.condition < kFar && sound;
-    note(laws[kStiffer], sound, no_farther(after, before, c.in, tendons));
+    note(laws[kStiffer], seed, sound, no_farther(after, before, c.in, tendons));
 
     still_heads(c);
     sound = before.predict(c.model, c.in) && before.out.condition < kFar;
@@ -409,14 +412,14 @@ inline void try_case(Core core, uint32_t seed, Law *laws)
         w = std::ldexp(w, power);
     }
     bool scaled = after.predict(c.model, c.in);
-    note(laws[kScale], sound && scaled,
+    note(laws[kScale], seed, sound && scaled,
          is_scaled(before.stage(0).dx0, after.stage(0).dx0, power) &&
              is_scaled(before.stage(1).dx0, after.stage(1).dx0, power));
     c.in = in;
     mirror(c.in);
     scaled = after.predict(c.model, c.in);
     const bool dx_too = !kSlides; /* a head says tangential forces before the load in axes of H */
-    note(laws[kMirror], sound && scaled,
+    note(laws[kMirror], seed, sound && scaled,
          is_scaled(before.stage(1).dx0, after.stage(1).dx0, 0, kMirrored) &&
              (!dx_too || is_scaled(before.stage(1).dx, after.stage(1).dx, 0, kMirrored)) &&
              std::memcmp(before.out.gate, after.out.gate, sizeof after.out.gate) == 0);
@@ -426,7 +429,7 @@ inline void try_case(Core core, uint32_t seed, Law *laws)
     const float share = random.within(0.0F, 0.999F);
     c.in.contacts[b][0] *= share;
     const bool faded = after.predict(c.model, c.in) && after.out.condition < kFar;
-    note(laws[kFade], sound && faded,
+    note(laws[kFade], seed, sound && faded,
          work(in.w_e, after.stage(1).dx0) * (1.0 + kRounding) + static_cast<double>(kTiny) >=
              work(in.w_e, before.stage(1).dx0));
     c.in = in;
@@ -435,7 +438,7 @@ inline void try_case(Core core, uint32_t seed, Law *laws)
     if (second >= 0) {
         exchange(c, first, second);
         const bool exchanged = after.predict(c.model, c.in) && before.out.condition < kFewDigits;
-        note(laws[kExchange], sound && exchanged,
+        note(laws[kExchange], seed, sound && exchanged,
              distance(after.stage(1).dx0, before.stage(1).dx0, c.model.length_scale) < 3e-2 &&
                  std::fabs(after.out.gate[first] - before.out.gate[second]) < 3e-2F);
     }
