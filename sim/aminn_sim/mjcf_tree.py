@@ -1,8 +1,9 @@
 """An MJCF model as one tree without includes, for the engine to compile from memory, and edits of it.
 
-Every file that the model is made of is read once: the engine gets these bytes and can open no others. A hand's own
-files are never changed: what the hand file tells (locked joints, dropped friction, servos, couplings) and what a
-simulation adds (a base, a tool, the solver's options) is written into the tree.
+Every file that the model is made of is read once: the engine gets these bytes and can open no others. Skins and
+textures, which no mechanics has, are left out of what it gets. A hand's own files are never changed: what the hand file
+tells (locked joints, dropped friction, servos, couplings) and what a simulation adds (a base, a tool, the solver's
+options) is written into the tree.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from pathlib import Path
 from aminn_base.errors import AminnError
 from aminn_base.read import is_file
 
+from .field_check import check_field_file, check_field_size
 from .mesh_check import check_mesh_file, check_mesh_text
 
 Element = ET.Element
@@ -22,8 +24,10 @@ FOLDERS = {"texture": ("texturedir", "assetdir"), "": ("meshdir", "assetdir")}
 """Attributes of <compiler> that say where files of an element lie; "" stands for all others."""
 MAX_DEPTH = 200
 """Of elements; a finger of 20 links is 25 deep."""
-NAMED_BY_FILE = ("mesh", "hfield", "skin", "texture")
+NAMED_BY_FILE = ("mesh", "hfield")
 """Assets that are called after their file where they have no name."""
+LOOKS = ("skin", "texture")
+"""Assets that nothing but a picture shows: MuJoCo 2.2.2 may end the process on a wrong one, and is given none."""
 
 
 @dataclass
@@ -113,27 +117,44 @@ def read_mjcf(path: Path, hand_file: Path | None = None) -> Model:
             found = next((p for p in places if is_file(p)), None)
             if found is None:
                 raise AminnError(f"{path}: <{element.tag}> names the file {name}, which is not there ({places[0]})")
+            content = _read(found, files)
+            if element.tag in LOOKS:
+                continue
             own = f"{len(model.assets)}_{found.name[-80:]}"
-            content = model.assets[own] = _read(found, files)
-            if element.tag == "mesh":
-                _check_mesh(found, found.suffix, content)
+            model.assets[own] = content
+            _check_file(element.tag, found, content)
             element.set(key, own)
             if element.tag in NAMED_BY_FILE and key == "file" and not element.get("name"):
                 element.set("name", Path(name).stem)
-    for element in root.iter("mesh"):
-        if element.get("face") and not element.get("file"):
-            try:
+    for element in root.iter():
+        try:
+            if element.tag == "mesh" and element.get("face") and not element.get("file"):
                 check_mesh_text(element.get("vertex", ""), element.get("face", ""))
-            except ValueError as error:
-                raise AminnError(f"{path}: <mesh> {element.get('name', '')!r}: {error}") from error
+            elif element.tag == "hfield" and not element.get("file"):
+                check_field_size(element.get("nrow", ""), element.get("ncol", ""))
+        except ValueError as error:
+            raise AminnError(f"{path}: <{element.tag}> {element.get('name', '')!r}: {error}") from error
+    _leave_out_looks(root)
     return model
 
 
-def _check_mesh(path: Path, end: str, content: bytes) -> None:
+def _check_file(tag: str, path: Path, content: bytes) -> None:
+    """Raise AminnError where the engine cannot read the file of an asset, and might end the process."""
+    what, check = {"mesh": ("mesh", check_mesh_file), "hfield": ("height field", check_field_file)}.get(tag, ("", None))
     try:
-        check_mesh_file(end, content)
+        if check is not None:
+            check(path.suffix, content)
     except ValueError as error:
-        raise AminnError(f"{path}: not a mesh that the engine can read: {error}") from error
+        raise AminnError(f"{path}: not a {what} that the engine can read: {error}") from error
+
+
+def _leave_out_looks(root: Element) -> None:
+    """Take skins and textures out, and what names them."""
+    remove(root, [e for section in root.iter("asset") for e in section if e.tag in LOOKS])
+    for material in root.iter("material"):
+        material.attrib.pop("texture", None)
+    for names in root.iter("tuple"):
+        remove(names, [e for e in names if e.get("objtype") in LOOKS])
 
 
 def text_of(root: Element) -> str:

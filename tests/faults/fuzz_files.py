@@ -289,6 +289,24 @@ def _meshes(folder: Path) -> list[Path]:
     return [folder / "pad.obj", folder / "pad.stl"]
 
 
+def _fields(folder: Path) -> list[Path]:
+    """A height field as numbers and as a picture, and hands that stand above it."""
+    row = b"\0" + bytes(range(4))
+    png = b"\x89PNG\r\n\x1a\n"
+    head = struct.pack(">2I5B", 4, 3, 8, 0, 0, 0, 0)
+    for kind, content in ((b"IHDR", head), (b"IDAT", zlib.compress(row * 3)), (b"IEND", b"")):
+        png += struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
+    (folder / "ground.hf").write_bytes(struct.pack("<2i12f", 3, 4, *range(12)))
+    (folder / "ground.png").write_bytes(png)
+    for end, told in (("hf", 'file="ground.hf"'), ("png", 'file="ground.png"')):
+        asset = f'<asset><hfield name="ground" size="1 1 0.1 0.1" {told}/></asset>'
+        ground = '<worldbody><geom type="hfield" hfield="ground" pos="0 0 -1"/></worldbody>'
+        model, sheet = ((ROOT / "sim/models/hands/gripper").with_suffix(e).read_text() for e in (".xml", ".toml"))
+        (folder / f"{end}_plain.xml").write_text(model.replace("</mujoco>", f"{asset}{ground}</mujoco>"))
+        (folder / f"{end}.toml").write_text(sheet.replace("gripper.xml", f"{end}_plain.xml"))
+    return [folder / "ground.hf", folder / "ground.png"]
+
+
 def _plain_hand(folder: Path, name: str, asset: str) -> None:
     """A hand for the simulation's MuJoCo, with a mesh at both tips."""
     model, sheet = ((ROOT / "sim/models/hands/gripper").with_suffix(end).read_text() for end in (".xml", ".toml"))
@@ -395,6 +413,8 @@ def targets() -> list[Target]:
         Target("mjcf", lambda f: _hands(f, ".xml"), lambda p: understand(p.with_suffix(".toml")), xml_ways),
         Target("mesh", _meshes, lambda p: understand(p.with_suffix(".toml").with_stem(p.suffix[1:])),
                (reworded, flipped, flipped)),
+        Target("height_field", _fields, lambda p: understand(p.with_suffix(".toml").with_stem(p.suffix[1:])),
+               (flipped,)),
         Target("convert_mjcf", _newer, _converted, xml_ways),
         Target("convert_urdf", _urdfs, _converted, xml_ways),
         Target("convert_hand_file", _sheets, _converted, toml_ways),
