@@ -180,11 +180,13 @@ def _connect(ray: ModuleType, threads: int) -> None:
     quiet = {"log_to_driver": False, "logging_level": "ERROR"}
     local = {"num_cpus": threads, "include_dashboard": False, "object_store_memory": RAY_OBJECT_STORE_BYTES}
     address = os.environ.get("RAY_ADDRESS")
+    # Without workers that start before they are asked for: Ray 2.60 can wait for one without end, deaf to Ctrl-C.
+    os.environ.setdefault("RAY_prestart_worker_first_driver", "0")
     try:
         if address:
             _knock(address)
         ray.init(address=address, **quiet) if address else ray.init(address="local", **quiet, **local)
-    except (OSError, RuntimeError, ValueError) as error:  # ConnectionError is an OSError
+    except Exception as error:  # a node that does not come up is a plain Exception in Ray
         where = f"the cluster RAY_ADDRESS={address}" if address else "a cluster on this machine"
         raise SimulationError(f"engine ray: {where} cannot be used ({error})") from error
 

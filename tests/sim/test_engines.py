@@ -175,6 +175,18 @@ def test_missing_package_is_named(tmp_path: Path, monkeypatch) -> None:
     assert not (tmp_path / "data").exists()
 
 
+def test_a_cluster_that_does_not_come_up_is_named(tmp_path: Path, monkeypatch) -> None:
+    def init(**_: object) -> None:
+        assert os.environ["RAY_prestart_worker_first_driver"] == "0"
+        raise Exception("the node timed out")  # as Ray does
+
+    monkeypatch.delenv("RAY_ADDRESS", raising=False)
+    monkeypatch.setattr(ray, "is_initialized", lambda: False)
+    monkeypatch.setattr(ray, "init", init)
+    with pytest.raises(SimulationError, match=r"a cluster on this machine cannot be used \(the node timed out\)"):
+        simulate(SimulationConfig(**SMALL), tmp_path / "data", progress=False, engine="ray")
+
+
 def test_unknown_engine_is_named(tmp_path: Path) -> None:
     with pytest.raises(SimulationError, match="engine is 'spark', expected one of threads, ray"):
         simulate(SimulationConfig(**SMALL), tmp_path / "data", progress=False, engine="spark")
