@@ -81,6 +81,16 @@ def test_a_changed_byte_of_a_sealed_model_is_found(exported: RandomModel) -> Non
         assert status_of(bytes(changed)) == "AMINN_E_CRC", at
 
 
+def test_a_mask_that_is_none_is_refused_by_the_file_s_name(exported: RandomModel, tmp_path: Path) -> None:
+    blob = bytearray(bin_model_bytes(exported))
+    at = blob.index(np.asarray(exported.tensors["coord_mask"], "<f4").tobytes())
+    blob[at : at + 4] = struct.pack("<f", 0.5)
+    blob[12:16] = struct.pack("<I", zlib.crc32(blob[16:]))
+    (tmp_path / "odd.bin").write_bytes(blob)
+    with pytest.raises(AminnError, match=r"odd\.bin: model: coord_mask is \[\[0\.5"):
+        read_bin_model(tmp_path / "odd.bin")
+
+
 def test_the_known_state_is_a_stable_training_sample(checkpoint_dir: Path, data_dir: Path, tmp_path: Path) -> None:
     export(checkpoint_dir, tmp_path / "out", data_dir=data_dir)
     model = read_bin_model(tmp_path / "out" / "aminn_model.bin")

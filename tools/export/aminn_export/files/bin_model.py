@@ -94,7 +94,11 @@ def read_bin_model(path: AnyPath) -> BinModel:
             of = tensor_name(owner, weights_of_biases(field))
             tensors[of] = of_steps(tensors[of], restored(dims, field, numbers[1], shape))
     counts = {"tendons": dims.tendons, "slides": dims.slides, "sensing": dims.sensing > 0, "told": dims.factors > 0}
-    if header_dims(dims_of(BinModel(counts, tensors))) != header_dims(dims):
+    try:
+        found = dims_of(BinModel(counts, tensors))
+    except AminnError as error:
+        raise AminnError(f"{path}: {error}") from error
+    if header_dims(found) != header_dims(dims):
         raise AminnError(f"{path}: coord_mask {tensors['coord_mask'].tolist()} does not fit its dimensions")
     known_state = np.frombuffer(blob, "<f4", dims.state, at)
     scalars = 20 + len(SCALARS)
