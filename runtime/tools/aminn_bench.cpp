@@ -5,8 +5,9 @@
  *
  * Compiled for the widths of one model (-DHC= -DTRUNK= -DH1= -DH2= -DHD=; TRUNK: inputs of a trunk), so that Eigen knows
  * the sizes. Every round times each subject on samples of the vector file, one call a sample, one thread; the subjects take
- * turns, so that a change of clock rate or a busy machine meets all of them. Prints one JSON object with, for each subject, the median and the least of its times in
- * a round (microseconds a call), and the medians of the ratios within a round. Exits with 1 and a message on a bad file.
+ * turns, so that a change of clock rate or a busy machine meets all of them. Prints one JSON object with, for each
+ * subject, the median and the least of its times in a round (microseconds a call), and the medians of the ratios within a
+ * round. Exits with 1 and a message on a bad file.
  */
 #include <algorithm>
 #include <chrono>

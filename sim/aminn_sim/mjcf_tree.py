@@ -24,8 +24,9 @@ FOLDERS = {"texture": ("texturedir", "assetdir"), "": ("meshdir", "assetdir")}
 """Attributes of <compiler> that say where files of an element lie; "" stands for all others."""
 MAX_DEPTH = 200
 """Of elements; a finger of 20 links is 25 deep."""
-NAMED_BY_FILE = ("mesh", "hfield")
-"""Assets that are called after their file where they have no name."""
+CHECKS = {"mesh": ("mesh", check_mesh_file), "hfield": ("height field", check_field_file)}
+"""What the file of an asset is, and how it is checked: MuJoCo 2.2.2 may end the process on a wrong one. These are
+called after their file where they have no name."""
 LOOKS = ("skin", "texture")
 """Assets that nothing but a picture shows: MuJoCo 2.2.2 may end the process on a wrong one, and is given none."""
 
@@ -124,7 +125,7 @@ def read_mjcf(path: Path, hand_file: Path | None = None) -> Model:
             model.assets[own] = content
             _check_file(element.tag, found, content)
             element.set(key, own)
-            if element.tag in NAMED_BY_FILE and key == "file" and not element.get("name"):
+            if element.tag in CHECKS and key == "file" and not element.get("name"):
                 element.set("name", Path(name).stem)
     for element in root.iter():
         try:
@@ -140,10 +141,11 @@ def read_mjcf(path: Path, hand_file: Path | None = None) -> Model:
 
 def _check_file(tag: str, path: Path, content: bytes) -> None:
     """Raise AminnError where the engine cannot read the file of an asset, and might end the process."""
-    what, check = {"mesh": ("mesh", check_mesh_file), "hfield": ("height field", check_field_file)}.get(tag, ("", None))
+    if tag not in CHECKS:
+        return
+    what, check = CHECKS[tag]
     try:
-        if check is not None:
-            check(path.suffix, content)
+        check(path.suffix, content)
     except ValueError as error:
         raise AminnError(f"{path}: not a {what} that the engine can read: {error}") from error
 

@@ -291,13 +291,8 @@ def _meshes(folder: Path) -> list[Path]:
 
 def _fields(folder: Path) -> list[Path]:
     """A height field as numbers and as a picture, and hands that stand above it."""
-    row = b"\0" + bytes(range(4))
-    png = b"\x89PNG\r\n\x1a\n"
-    head = struct.pack(">2I5B", 4, 3, 8, 0, 0, 0, 0)
-    for kind, content in ((b"IHDR", head), (b"IDAT", zlib.compress(row * 3)), (b"IEND", b"")):
-        png += struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
     (folder / "ground.hf").write_bytes(struct.pack("<2i12f", 3, 4, *range(12)))
-    (folder / "ground.png").write_bytes(png)
+    Image.frombytes("L", (4, 3), bytes(range(12))).save(folder / "ground.png")
     for end, told in (("hf", 'file="ground.hf"'), ("png", 'file="ground.png"')):
         asset = f'<asset><hfield name="ground" size="1 1 0.1 0.1" {told}/></asset>'
         ground = '<worldbody><geom type="hfield" hfield="ground" pos="0 0 -1"/></worldbody>'
@@ -466,6 +461,7 @@ import hashlib  # noqa: E402
 import onnx  # noqa: E402
 import torch  # noqa: E402
 from lab import made_up  # noqa: E402
+from PIL import Image  # noqa: E402
 from record import messages, record  # noqa: E402
 from synthetic import HANDS, write_dataset  # noqa: E402
 from test_bags import map_text  # noqa: E402

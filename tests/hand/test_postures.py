@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from itertools import product
 
@@ -11,12 +10,12 @@ import pytest
 
 from aminn_base.errors import AminnError
 from aminn_hand import Hand
+from aminn_hand.hand import Branch
 from aminn_sim.open_hand import default_hand_file
 from aminn_sim.postures import HEIGHTS_M, RADII_M, _reaching, find_synergy, pinch_frame
 from aminn_sim.understand import Understood, understand
 
 HANDS = default_hand_file().parent / "hands"
-REFUSAL_S = 3.0
 
 
 def shipped(name: str) -> Understood:
@@ -65,11 +64,13 @@ def _apart(hand: Hand) -> Hand:
 
 
 @pytest.mark.parametrize("name", ["aero_like", "leap_like"])
-def test_a_hand_that_reaches_no_tool_is_refused_soon(name: str) -> None:
-    """It took 17 s to 25 s, for each tool was sought on its own, a hundred steps of each at five places."""
+def test_a_hand_that_reaches_no_tool_is_refused_soon(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """After a hundred steps that all tools share; it took 17 s to 25 s where each of 75 places had its own."""
     understood = shipped(name)
     hand, q = _apart(understood.hand), np.mean(understood.postures, axis=0)
-    before = time.process_time()
+    steps = []
+    jacobian = Branch.jacobian
+    monkeypatch.setattr(Branch, "jacobian", lambda branch, at: (steps.append(at), jacobian(branch, at))[1])
     with pytest.raises(AminnError, match="the fingertips reach no tool of 16 to 50 mm"):
         find_synergy(hand, (q, q), np.zeros(len(hand.branches)))
-    assert time.process_time() - before < REFUSAL_S
+    assert 0 < len(steps) <= 100 * len(hand.branches)

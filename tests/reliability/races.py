@@ -14,16 +14,16 @@ import importlib.util
 import os
 import re
 import shutil
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
+from defects import ROOT, build, run
+
 from aminn_base.files import write_json
 
-ROOT = Path(__file__).resolve().parents[2]
 SIM, MUJOCO = ROOT / "sim", ROOT / "build/mujoco"
-THREADS, LIMIT_S = 4, 1800
+THREADS = 4
 DEFECTS = {
     "shard_added_without_the_lock": (
         "src/shard.cpp",
@@ -53,13 +53,6 @@ DEFECTS = {
 """File below sim/, what stands there, and what takes its place."""
 
 
-def call(command: list[object], **more: object) -> subprocess.CompletedProcess[str]:
-    """With standard error in the output."""
-    text = [str(c) for c in command]
-    both = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True, "check": False}
-    return subprocess.run(text, timeout=LIMIT_S, **both, **more)  # type: ignore[call-overload]
-
-
 class Build:
     """A copy of the simulator and what is compiled of it, with the sanitizer in it."""
 
@@ -74,18 +67,12 @@ class Build:
             "Python_EXECUTABLE": sys.executable,
             "AMINN_MUJOCO": MUJOCO,
         }
-        self._run(
-            "cmake", "-S", self.tree, "-B", self.folder, *(f"-D{name}={value}" for name, value in settings.items())
-        )
-
-    def _run(self, *command: object) -> None:
-        done = call([*command])
-        if done.returncode != 0:
-            raise SystemExit(f"{' '.join(map(str, command))}\n{done.stdout}")
+        given = [f"-D{name}={value}" for name, value in settings.items()]
+        build(["cmake", "-S", self.tree, "-B", self.folder, *given])
 
     def core(self) -> Path:
         """The compiled part of what stands in the copy."""
-        self._run("cmake", "--build", self.folder, "--parallel", len(os.sched_getaffinity(0)))
+        build(["cmake", "--build", self.folder, "--parallel", len(os.sched_getaffinity(0))])
         return next(self.folder.glob("_core*.so"))
 
     def seeded(self, name: str) -> Path:
@@ -137,11 +124,11 @@ def simulate_with(core: Path) -> None:
 
 def races(core: Path) -> int:
     """How many races the sanitizer reports, the first of them printed. Raises where the simulation itself fails."""
-    runtime = call(["g++", "-print-file-name=libtsan.so"]).stdout.strip()
+    runtime = run(["g++", "-print-file-name=libtsan.so"]).stdout.strip()
     options = "ignore_noninstrumented_modules=1 report_signal_unsafe=0"
     environment = {**os.environ, "LD_PRELOAD": runtime, "TSAN_OPTIONS": options, "OMP_NUM_THREADS": "1"}
     # without random places in memory, of which a sanitizer of this age knows not all
-    done = call(["setarch", "-R", sys.executable, __file__, "--core", core], env=environment)
+    done = run(["setarch", "-R", sys.executable, __file__, "--core", core], 1800, env=environment)
     found = re.findall(r"SUMMARY: ThreadSanitizer: data race (.*)", done.stdout)
     if not found and (done.returncode != 0 or "broken off" not in done.stdout):
         raise SystemExit(f"the simulation ended with {done.returncode}:\n{done.stdout[-3000:]}")
@@ -160,13 +147,13 @@ def main() -> int:
         simulate_with(args.core)
         return 0
     figures: dict[str, float] = {}
-    build = Build(args.work)
-    found = races(build.core())
+    simulator = Build(args.work)
+    found = races(simulator.core())
     print(f"sound: {found} races", flush=True)
     figures["races_simulator_failed"] = found
     named = 0
     for name in DEFECTS:
-        n = races(build.seeded(name))
+        n = races(simulator.seeded(name))
         print(f"{name}: {f'found, {n} reports' if n else 'NOT FOUND'}", flush=True)
         named += n > 0
     figures |= {"races_simulator_seeds": len(DEFECTS), "races_simulator_seeds_found": named}
