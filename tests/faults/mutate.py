@@ -116,14 +116,14 @@ def _changed(rng: random.Random, value: Any) -> Any:
     if not keys or rng.random() < 0.08:
         if isinstance(value, int | float) and not isinstance(value, bool) and rng.random() < 0.5:
             return value * rng.choice((-1, 2, 1e6, 1e-6)) + rng.choice((0, 1, -1))
-        return rng.choice(VALUES)
+        return copy.deepcopy(rng.choice(VALUES))
     key, how = rng.choice(keys), rng.random()
     if how < 0.1:
         del value[key]
     elif how < 0.15 and isinstance(value, dict):
-        value[rng.choice(("", "x", "theta", "hand", key + " "))] = value[key]
+        value[rng.choice(("", "x", "theta", "hand", key + " "))] = copy.deepcopy(value[key])
     elif how < 0.2 and isinstance(value, list):
-        value.append(value[key])
+        value.append(copy.deepcopy(value[key]))
     else:
         value[key] = _changed(rng, value[key])
     return value

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import json
+import random
 import subprocess
 import sys
 from pathlib import Path
@@ -14,6 +16,7 @@ from aminn_base.files import write_json
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 
+from mutate import VALUES, changed_value  # noqa: E402
 from reliability import PARTS, main, missed  # noqa: E402
 
 
@@ -35,6 +38,14 @@ def test_what_is_missing_is_listed(tmp_path: Path) -> None:
 def test_an_aim_that_is_missed_is_listed(figures: dict[str, float]) -> None:
     reached = {"fuzz_executions": 2e7, "b_seeds": 20}
     assert not list(missed(reached)) and len(list(missed(reached | figures))) == 1
+
+
+def test_a_wrong_value_is_none_of_an_earlier_one() -> None:
+    """Values that shared a list changed with each other, until one held itself."""
+    before, rng, value = copy.deepcopy(VALUES), random.Random(0), {"a": [1, [2]], "b": {}}
+    for _ in range(30_000):
+        changed_value(rng, value)
+    assert repr(before) == repr(VALUES)
 
 
 def run(*words: str) -> str:
