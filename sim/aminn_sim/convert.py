@@ -101,8 +101,9 @@ def convert(source: AnyPath, sheet: HandFile | None = None) -> Conversion:
         if is_urdf:
             model, balanced = _compiled_urdf(mujoco, source)
         else:
+            mjcf_tree.refuse_large_file(source)
             model = mujoco.MjModel.from_xml_path(str(source))
-    except ValueError as error:
+    except (ValueError, RuntimeError) as error:  # the latter where memory does not suffice
         raise AminnError(f"{source}: MuJoCo {mujoco.__version__} does not take this model: {_line(error)}") from error
     if is_urdf:
         _refuse_bare(mujoco, model, source)

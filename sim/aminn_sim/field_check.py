@@ -16,7 +16,8 @@ _PNG_CHUNK = struct.Struct(">I4s")
 _PNG_HEAD = struct.Struct(">2I5B")
 _PNG_SAMPLES = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
 """Numbers that a point of each colour type has."""
-_INTEGER = re.compile(r"\s*[+-]?\d{1,18}\s*")
+WHOLE = re.compile(r"\s*[+-]?\d{1,18}\s*")
+"""A number as the engines read it, of no more digits than any has."""
 
 
 def check_field_file(end: str, content: bytes) -> None:
@@ -39,7 +40,7 @@ def check_field_file(end: str, content: bytes) -> None:
 def check_field_size(rows: str, columns: str) -> None:
     """The same of a height field without a file, which is flat."""
     for name, text in (("nrow", rows), ("ncol", columns)):
-        if not _INTEGER.fullmatch(text):
+        if not WHOLE.fullmatch(text):
             raise ValueError(f"{name} is {text[:40]!r}, no whole number; a height field has a file, or nrow and ncol")
     _check_points(int(rows), int(columns))
 

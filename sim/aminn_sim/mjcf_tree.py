@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Collection, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from aminn_base.errors import AminnError
 from aminn_base.read import is_file
 
-from .field_check import check_field_file, check_field_size
+from .field_check import WHOLE, check_field_file, check_field_size
 from .mesh_check import check_mesh_file, check_mesh_text
 
 Element = ET.Element
@@ -29,6 +30,13 @@ CHECKS = {"mesh": ("mesh", check_mesh_file), "hfield": ("height field", check_fi
 called after their file where they have no name."""
 LOOKS = ("skin", "texture")
 """Assets that nothing but a picture shows: MuJoCo 2.2.2 may end the process on a wrong one, and is given none."""
+
+COPIES = ("composite", "replicate", "flexcomp")
+"""Elements that stand for as many copies as the product of their `count`."""
+MAX_COPIES = 1000
+"""Of an element, in all that it lies in."""
+MAX_KEPT = 10_000
+"""Of numbers that a model keeps for each of its elements (`nuser_...`), and of keyframes."""
 
 
 @dataclass
@@ -69,6 +77,46 @@ def refuse_deep(path: Path, root: Element) -> None:
         raise AminnError(f"{path}: elements lie more than {MAX_DEPTH} deep in each other, in <{level[0].tag}>")
 
 
+def refuse_large(path: Path, root: Element) -> None:
+    """Raise AminnError where a few digits ask for more than an engine survives: it may end the process, or never."""
+    for element in root.iter("size"):
+        for key, text in element.attrib.items():
+            if (key == "nkey" or key.startswith("nuser_")) and _whole(text) > MAX_KEPT:
+                raise AminnError(f"{path}: <size {key}={text[:40]!r}>: more than {MAX_KEPT} are not taken")
+    for element in root.iter("hfield"):
+        try:
+            if not element.get("file"):
+                check_field_size(element.get("nrow", ""), element.get("ncol", ""))
+        except ValueError as error:
+            raise AminnError(f"{path}: <hfield> {element.get('name', '')!r}: {error}") from error
+    level = [(root, 1)]
+    while level:
+        element, copies = level.pop()
+        if element.tag in COPIES:
+            for text in element.get("count", "").split():
+                copies *= max(1, _whole(text))
+            if copies > MAX_COPIES:
+                raise AminnError(
+                    f"{path}: <{element.tag} count={element.get('count', '')[:40]!r}> makes {copies} copies; "
+                    f"{MAX_COPIES} are taken, with those of what it lies in"
+                )
+        level += [(child, copies) for child in element]
+
+
+def refuse_large_file(path: Path) -> None:
+    """The same of an MJCF that another engine reads. What cannot be read here is left to that."""
+    files: dict[Path, bytes] = {}
+    root = _parse(path, files)
+    with suppress(AminnError, RecursionError):
+        next(_expanded(root, path.parent, files, (path.resolve(),)))
+    refuse_large(path, root)
+
+
+def _whole(text: str) -> int:
+    """0 of what is no whole number, which an engine refuses."""
+    return int(text) if WHOLE.fullmatch(text) else 0
+
+
 def _parse(path: Path, files: dict[Path, bytes], seen: tuple[Path, ...] = ()) -> Element:
     root = parse(path, _read(path, files))
     if path.resolve() in seen:
@@ -106,6 +154,7 @@ def read_mjcf(path: Path, hand_file: Path | None = None) -> Model:
     except RecursionError as error:
         raise AminnError(f"{path}: its includes lie too deep in each other") from error
     refuse_deep(path, root)
+    refuse_large(path, root)
     model = Model(root, files=files)
     told: dict[str, list[str]] = {key: [] for keys in FOLDERS.values() for key in keys}
     for compiler in root.iter("compiler"):
@@ -131,8 +180,6 @@ def read_mjcf(path: Path, hand_file: Path | None = None) -> Model:
         try:
             if element.tag == "mesh" and element.get("face") and not element.get("file"):
                 check_mesh_text(element.get("vertex", ""), element.get("face", ""))
-            elif element.tag == "hfield" and not element.get("file"):
-                check_field_size(element.get("nrow", ""), element.get("ncol", ""))
         except ValueError as error:
             raise AminnError(f"{path}: <{element.tag}> {element.get('name', '')!r}: {error}") from error
     _leave_out_looks(root)
