@@ -15,6 +15,14 @@
 namespace aminn {
 inline namespace AMINN_CORE {
 
+// out = (v - mean) * inv_std
+[[maybe_unused]] static void normalise(const float *v, const float *mean, const float *inv_std, int n, float *out)
+{
+    for (int i = 0; i < n; ++i) {
+        out[i] = (v[i] - mean[i]) * inv_std[i];
+    }
+}
+
 template <class Weight>
 AMINN_INLINE void dense_of(const Weight *w, const float *b, const float *x, int n_in, int n_out, float floor, float *y)
 {

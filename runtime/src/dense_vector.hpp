@@ -82,6 +82,35 @@ AMINN_INLINE void load(const Weight *w, AnyRegister &r)
     __builtin_memcpy(&r, values, sizeof r);
 }
 
+// out = (v - mean) * inv_std, a register at a time; the last one may share numbers with the one before it
+template <class AnyRegister>
+AMINN_INLINE void normalise_by(const float *v, const float *mean, const float *inv_std, int n, float *out)
+{
+    for (int at = 0; at < n; at += kLanes<AnyRegister>) {
+        const int i = at + kLanes<AnyRegister> <= n ? at : n - kLanes<AnyRegister>;
+        AnyRegister x;
+        AnyRegister middle;
+        AnyRegister factor;
+        load(v + i, x);
+        load(mean + i, middle);
+        load(inv_std + i, factor);
+        x = (x - middle) * factor;
+        __builtin_memcpy(out + i, &x, sizeof x);
+    }
+}
+AMINN_FUNCTION void normalise(const float *v, const float *mean, const float *inv_std, int n, float *out)
+{
+    if (n >= kLanes<Register>) {
+        normalise_by<Register>(v, mean, inv_std, n, out);
+    } else if (n >= kLanes<Float4>) {
+        normalise_by<Float4>(v, mean, inv_std, n, out);
+    } else {
+        for (int i = 0; i < n; ++i) {
+            out[i] = (v[i] - mean[i]) * inv_std[i];
+        }
+    }
+}
+
 // kCount registers of outputs, side by side but for the last, which begins at `last`
 template <class AnyRegister, int kCount, class Weight>
 AMINN_INLINE void dense_block(const Weight *w, int step, const float *b, const float *x, int n_in, int last,

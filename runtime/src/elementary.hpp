@@ -38,6 +38,24 @@ AMINN_INLINE float from_bits(uint32_t u)
     return x;
 }
 
+#if AMINN_LANES // four numbers side by side, whose words these are
+using Float4 = float __attribute__((vector_size(16)));
+using Word4 = uint32_t __attribute__((vector_size(16)));
+
+AMINN_INLINE Word4 bits_of(Float4 x)
+{
+    Word4 u;
+    __builtin_memcpy(&u, &x, sizeof u);
+    return u;
+}
+AMINN_INLINE Float4 from_bits(Word4 u)
+{
+    Float4 x;
+    __builtin_memcpy(&x, &u, sizeof x);
+    return x;
+}
+#endif
+
 // Numbers that are not negative are in the order of their bits; -0, NaN and what is negative come after all of them.
 constexpr uint32_t kSmallestBits = 1u;
 constexpr uint32_t kOneBits = 0x3F800000u;
@@ -78,34 +96,37 @@ AMINN_INLINE float subtract_product(float a, float b, float c)
 // Adding and subtracting it rounds |x| < 2^22 to an integer; its last bits then hold that integer.
 constexpr float kRounder = 0x1.8p23F;
 
-// exp(x) = 2 (1 + above_one) half_scale, the latter a power of two
+// exp(x) = 2 (1 + above_one) half_scale, the latter a power of two. Number: one number, or several side by side.
+template <class Number>
 struct Exponential {
-    float above_one;
-    float half_scale;
+    Number above_one;
+    Number half_scale;
 };
 
-AMINN_INLINE Exponential split_exponential(float x)
+template <class Number>
+AMINN_INLINE Exponential<Number> split_exponential(Number x)
 {
     constexpr float kLog2e = 0x1.715476p0F;
     constexpr float kLn2Hi = 0x1.62e4p-1F; // 15 bits: exact times a small integer
     constexpr float kLn2Lo = 0x1.7f7d1cp-20F;
-    constexpr float kLargest = 88.73F; // above it the result is infinity
-    constexpr float kSmallest = -86.0F;
-    x = x > kLargest ? kLargest : x;
-    x = x < kSmallest ? kSmallest : x;
-    const float shifted = x * kLog2e + kRounder;
-    const float n = shifted - kRounder;
-    const float r = (x - n * kLn2Hi) - n * kLn2Lo;
-    const float s = r * r;
-    const float high = (0x1.5554b8p-5F + r * 0x1.123f9p-7F) + s * 0x1.6d8398p-10F;
-    const float p = (0.5F + r * 0x1.55548ap-3F) + s * high;
+    const Number largest = Number{} + 88.73F; // above it the result is infinity
+    const Number smallest = Number{} - 86.0F;
+    x = x > largest ? largest : x;
+    x = x < smallest ? smallest : x;
+    const Number shifted = x * kLog2e + kRounder;
+    const Number n = shifted - kRounder;
+    const Number r = (x - n * kLn2Hi) - n * kLn2Lo;
+    const Number s = r * r;
+    const Number high = (0x1.5554b8p-5F + r * 0x1.123f9p-7F) + s * 0x1.6d8398p-10F;
+    const Number p = (0.5F + r * 0x1.55548ap-3F) + s * high;
     // 2^(n - 1): the exponent of infinity is never written, and the last doubling overflows as it should
     return {r + s * p, from_bits((bits_of(shifted) - bits_of(kRounder) + 126u) << 23)};
 }
 
-AMINN_INLINE float one_exponential(float x)
+template <class Number>
+AMINN_INLINE Number one_exponential(Number x)
 {
-    const Exponential e = split_exponential(x);
+    const Exponential<Number> e = split_exponential(x);
     return ((1.0F + e.above_one) * e.half_scale) * 2.0F;
 }
 
@@ -132,7 +153,7 @@ AMINN_INLINE float one_hyperbolic_tangent(float x)
 {
     constexpr float kNear = 0.34375F;
     const float a = __builtin_fabsf(x);
-    const Exponential e = split_exponential(a + a); // finite, however large a is
+    const Exponential<float> e = split_exponential(a + a); // finite, however large a is
     const float half = e.above_one * e.half_scale + (e.half_scale - 0.5F);
     const float far = half / (half + 1.0F);
     const float near = subtract_product(half, half, far); // the same number, without the rounding of half + 1

@@ -171,10 +171,11 @@ AMINN_FUNCTION void follow_slides(Grasp &grasp, const Tendons &tendons, const Ro
 {
     SlideRow *follow = slides.follow;
     SlideRow *strain = slides.strain;
+    const WeightedRows<kHeld + kMotion> weighted(grasp.rows, grasp.weight);
     AMINN_UNROLL_ROWS
     for (int i = 0; i < kMotion; ++i) {
         const int n = kHeld + i; // further down, column i of the rows is zero, or the strain
-        inner_products(follow[i], strain, n, grasp.weight, grasp.rows, i);
+        weighted.products_with(strain, n, i, follow[i]);
         scale(follow[i], grasp.inv_d[i], follow[i]);
         eliminate(strain, n + 1, grasp.rows, i, follow[i]);
     }
@@ -331,7 +332,7 @@ static void slide(const Branches *springs, const aminn_input_t &in, Grasp &grasp
         }
         find_forces(slides, slide, force, sigma);
         SlideRow moved;
-        __builtin_memcpy(&moved, sigma, sizeof moved);
+        load_slides(moved, sigma);
         if (step == kSteps - 1) {
             float follow[kMotion];
             Row move;

@@ -21,6 +21,10 @@ constexpr int kSideBySide = 1;
 static_assert(kBranch + 1 <= kMotion, "a row holds a number of each tendon, and one more");
 static_assert(3 + 1 <= kMotion, "a row holds the three dimensions of a contact, and one more");
 
+AMINN_INLINE void load_slides(SlideRow &to, const float *p)
+{
+    __builtin_memcpy(&to, p, sizeof to);
+}
 AMINN_INLINE Branches broadcast(float x)
 {
     return x;
@@ -73,6 +77,12 @@ class WeightedRows {
     AMINN_INLINE void products_of(int j, Row &to) const
     {
         inner_products(to, rows_, kCount, weight_, rows_, j);
+    }
+    // of the first n rows' column j with all columns of others
+    template <class Other>
+    AMINN_INLINE void products_with(const Other *rows, int n, int j, Other &to) const
+    {
+        inner_products(to, rows, n, weight_, rows_, j);
     }
 
   private:

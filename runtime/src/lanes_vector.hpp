@@ -22,8 +22,7 @@ AMINN_INLINE Branches root(Branches x)
 }
 AMINN_INLINE Branches exponential(Branches x)
 {
-    return Branches{exponential(x[0]), exponential(x[1]), kSideBySide > 2 ? exponential(x[2]) : 0.0F,
-                    kSideBySide > 3 ? exponential(x[3]) : 0.0F};
+    return one_exponential(x);
 }
 constexpr bool kOneGroup = kBranch == kSideBySide;
 
@@ -105,6 +104,12 @@ class WeightedRows {
     AMINN_INLINE void products_of(int j, AnyRow &to) const
     {
         weighted_sum(to, rows_, kCount, [this, j](int r) { return weighted_[r][j]; });
+    }
+    // of the first n rows' column j with all columns of others
+    template <class Other>
+    AMINN_INLINE void products_with(const Other *rows, int n, int j, Other &to) const
+    {
+        weighted_sum(to, rows, n, [this, j](int r) { return weighted_[r][j]; });
     }
     // one after the other
     AMINN_INLINE void add_products_of(int r, int j, AnyRow &to) const

@@ -12,14 +12,6 @@ constexpr int kBranchFeature = AMINN_N_BRANCH_FEATURE;
 static_assert(AMINN_N_TOLD_INPUT <= AMINN_N_LAST_INPUT && AMINN_N_CONTACT_INPUT <= AMINN_N_LAST_INPUT,
               "behind the contact summary there is room for the global input");
 
-// out = (v - mean) * inv_std
-static void normalise(const float *v, const float *mean, const float *inv_std, int n, float *out)
-{
-    for (int i = 0; i < n; ++i) {
-        out[i] = (v[i] - mean[i]) * inv_std[i];
-    }
-}
-
 // contact_input: per branch [c, c * contact features, c * j_q]; slog_w: w_e in signed logarithm
 AMINN_INLINE void make_network_input(const aminn_model_t &model, const aminn_input_t &in, aminn_t &ctx)
 {

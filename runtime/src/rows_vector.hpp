@@ -9,7 +9,6 @@ namespace aminn {
 inline namespace AMINN_CORE {
 
 #pragma GCC diagnostic ignored "-Wpsabi" // nothing here is called across object files
-using Float4 = float __attribute__((vector_size(16)));
 using Int4 = int32_t __attribute__((vector_size(16)));
 
 // the first four
@@ -205,6 +204,16 @@ template <class Vector>
 AMINN_INLINE void set_component(Lanes<Vector> &a, int j, float value)
 {
     set_place(a.v, j, value);
+}
+
+// one by one: a load of what single stores have just written would wait for them
+AMINN_INLINE void load_slides(SlideRow &to, const float *p)
+{
+    clear(to);
+    AMINN_UNROLL_ROWS
+    for (int i = 0; i < 2 * kBranch; ++i) {
+        set_component(to, i, p[i]);
+    }
 }
 
 } // namespace AMINN_CORE

@@ -34,7 +34,10 @@ AMINN_INLINE void take_rows(const aminn_input_t &in, const Scene &scene, Row row
 {
 #if AMINN_LANES
     static_cast<void>(in);
-    __builtin_memcpy(rows, scene.a_s, sizeof scene.a_s);
+    AMINN_UNROLL_ROWS
+    for (int r = 0; r < 3 * kBranch; ++r) { // no call of memcpy, nor its instruction, which is slow to start
+        rows[r] = scene.a_s[r];
+    }
 #else
     scaled_rows(in, scene.scale, 0, 3 * kBranch, rows);
 #endif
