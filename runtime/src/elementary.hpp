@@ -38,22 +38,27 @@ AMINN_INLINE float from_bits(uint32_t u)
     return x;
 }
 
-#if AMINN_LANES // four numbers side by side, whose words these are
-using Float4 = float __attribute__((vector_size(16)));
-using Word4 = uint32_t __attribute__((vector_size(16)));
-
-AMINN_INLINE Word4 bits_of(Float4 x)
-{
-    Word4 u;
-    __builtin_memcpy(&u, &x, sizeof u);
-    return u;
-}
-AMINN_INLINE Float4 from_bits(Word4 u)
-{
-    Float4 x;
-    __builtin_memcpy(&x, &u, sizeof x);
-    return x;
-}
+#if AMINN_LANES // numbers side by side, whose words these are
+#define AMINN_SIDE_BY_SIDE(Numbers, Words, bytes)               \
+    using Numbers = float __attribute__((vector_size(bytes)));  \
+    using Words = uint32_t __attribute__((vector_size(bytes))); \
+    AMINN_INLINE Words bits_of(Numbers x)                       \
+    {                                                           \
+        Words u;                                                \
+        __builtin_memcpy(&u, &x, sizeof u);                     \
+        return u;                                               \
+    }                                                           \
+    AMINN_INLINE Numbers from_bits(Words u)                     \
+    {                                                           \
+        Numbers x;                                              \
+        __builtin_memcpy(&x, &u, sizeof x);                     \
+        return x;                                               \
+    }
+AMINN_SIDE_BY_SIDE(Float4, Word4, 16)
+#if defined(__AVX__)
+AMINN_SIDE_BY_SIDE(Float8, Word8, 32)
+#endif
+#undef AMINN_SIDE_BY_SIDE
 #endif
 
 // Numbers that are not negative are in the order of their bits; -0, NaN and what is negative come after all of them.

@@ -7,40 +7,50 @@
 namespace aminn {
 inline namespace AMINN_CORE {
 
-using Branches = Float4;
-constexpr int kSideBySide = kBranch < 4 ? kBranch : 4; // branches in one Branches
+#if defined(__AVX__)
+using Branches = RegisterOf<kBranch>::Type;
+#else
+using Branches = Float4; // a fifth branch is a group of its own
+#endif
+constexpr int kInRegister = sizeof(Branches) / sizeof(float);
+constexpr int kSideBySide = kBranch < kInRegister ? kBranch : kInRegister; // branches in one Branches
+constexpr bool kOneGroup = kBranch == kSideBySide;
 
 using ContactRow = Components<Branches, kGated ? 4 : 3>;
 
+// of(k) in each place k
+template <class Of>
+AMINN_INLINE Branches each(const Of &of)
+{
+    Branches to;
+    if constexpr (kInRegister == 4) {
+        set(to, of(0), of(1), of(2), of(3), 0.0F, 0.0F, 0.0F, 0.0F);
+    } else {
+        set(to, of(0), of(1), of(2), of(3), of(4), of(5), of(6), of(7));
+    }
+    return to;
+}
 AMINN_INLINE Branches broadcast(float x)
 {
-    return Branches{x, x, x, x};
+    Branches to;
+    spread(to, x);
+    return to;
 }
 AMINN_INLINE Branches root(Branches x)
 {
-    return Branches{root(x[0]), root(x[1]), root(x[2]), root(x[3])};
+    return each([&x](int k) AMINN_ALWAYS { return root(x[k]); });
 }
 AMINN_INLINE Branches exponential(Branches x)
 {
     return one_exponential(x);
 }
-constexpr bool kOneGroup = kBranch == kSideBySide;
-
-// Which of n branches place k holds: its own, or the first one where there is none.
-template <int k>
-AMINN_INLINE int branch_in(int n)
-{
-    if constexpr (k >= kSideBySide) {
-        return 0;
-    } else if constexpr (kOneGroup) {
-        return k;
-    } else {
-        return k < n ? k : 0;
-    }
-}
+// of n branches each its own number, where there is none the first one's
 AMINN_INLINE Branches gather(const float *p, int stride, int n)
 {
-    return Branches{p[0], p[branch_in<1>(n) * stride], p[branch_in<2>(n) * stride], p[branch_in<3>(n) * stride]};
+    return each([=](int k) AMINN_ALWAYS {
+        const bool there = k < kSideBySide && (kOneGroup || k < n);
+        return p[there ? k * stride : 0];
+    });
 }
 AMINN_INLINE void scatter(Branches x, float *p, int stride, int n)
 {

@@ -28,7 +28,6 @@ AMINN_INLINE void clear_places_up_to(Float4 &a, int j)
 }
 
 #if defined(__AVX__)
-using Float8 = float __attribute__((vector_size(32)));
 using Int8 = int32_t __attribute__((vector_size(32)));
 
 AMINN_INLINE void set(Float8 &to, float x0, float x1, float x2, float x3, float x4, float x5, float x6, float x7)
