@@ -12,6 +12,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Collection, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 
 from aminn_base.errors import AminnError
@@ -31,6 +32,7 @@ called after their file where they have no name."""
 LOOKS = ("skin", "texture")
 """Assets that nothing but a picture shows: MuJoCo 2.2.2 may end the process on a wrong one, and is given none."""
 
+MAX_INCLUDES = 1000
 COPIES = ("composite", "replicate", "flexcomp")
 """Elements that stand for as many copies as the product of their `count`."""
 MAX_COPIES = 1000
@@ -108,7 +110,7 @@ def refuse_large_file(path: Path) -> None:
     files: dict[Path, bytes] = {}
     root = _parse(path, files)
     with suppress(AminnError, RecursionError):
-        next(_expanded(root, path.parent, files, (path.resolve(),)))
+        _expand(root, path, files)
     refuse_large(path, root)
 
 
@@ -126,16 +128,22 @@ def _parse(path: Path, files: dict[Path, bytes], seen: tuple[Path, ...] = ()) ->
     return root
 
 
-def _expanded(element: Element, folder: Path, files: dict[Path, bytes], seen: tuple[Path, ...]) -> Iterator[Element]:
-    """The element, or what its include stands for; paths of includes are relative to the main file, as in MuJoCo."""
-    if element.tag == "include":
-        path = folder / element.get("file", "")
-        for child in _parse(path, files, seen):
-            yield from _expanded(child, folder, files, (*seen, path.resolve()))
-        return
-    children = [c for child in list(element) for c in _expanded(child, folder, files, seen)]
-    element[:] = children
-    yield element
+def _expand(root: Element, path: Path, files: dict[Path, bytes]) -> None:
+    """Put what they stand for in the place of includes, whose paths are relative to the model, as in MuJoCo."""
+    met = count(1)
+
+    def expanded(element: Element, seen: tuple[Path, ...]) -> Iterator[Element]:
+        if element.tag == "include":
+            file = path.parent / element.get("file", "")
+            if next(met) > MAX_INCLUDES:  # ten files that include each other twice stand for a thousand
+                raise AminnError(f"{file}: one more include; {MAX_INCLUDES} are taken, with those within each other")
+            for child in _parse(file, files, seen):
+                yield from expanded(child, (*seen, file.resolve()))
+            return
+        element[:] = [c for child in list(element) for c in expanded(child, seen)]
+        yield element
+
+    next(expanded(root, (path.resolve(),)))
 
 
 def read_mjcf(path: Path, hand_file: Path | None = None) -> Model:
@@ -150,7 +158,7 @@ def read_mjcf(path: Path, hand_file: Path | None = None) -> Model:
     if root.tag != "mujoco":
         raise AminnError(f"{path}: <{root.tag}> is no MuJoCo model; an MJCF file begins with <mujoco>")
     try:
-        next(_expanded(root, path.parent, files, (path.resolve(),)))
+        _expand(root, path, files)
     except RecursionError as error:
         raise AminnError(f"{path}: its includes lie too deep in each other") from error
     refuse_deep(path, root)

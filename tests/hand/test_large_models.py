@@ -51,6 +51,19 @@ def test_what_is_large_may_lie_in_an_include(tmp_path: Path) -> None:
             read(file)
 
 
+def test_includes_do_not_multiply_without_end(tmp_path: Path) -> None:
+    """Twelve files that each include the next one twice."""
+    for k in range(12):
+        twice = f'<include file="{k + 1}.xml"/>' * 2
+        (tmp_path / f"{k}.xml").write_text(f"<mujoco>{twice}</mujoco>")
+    (tmp_path / "12.xml").write_text("<mujoco/>")
+    with pytest.raises(AminnError, match=r"\.xml: one more include; 1000 are taken, with those within each other"):
+        read_mjcf(tmp_path / "0.xml")
+    with pytest.raises(AminnError):  # it includes no file twice
+        convert(tmp_path / "0.xml")
+    assert len(read_mjcf(tmp_path / "6.xml").files) == 7
+
+
 def test_the_largest_is_taken(tmp_path: Path) -> None:
     file = tmp_path / "hand.xml"
     inside = '<composite type="grid" count="10 10 10"/><replicate count="10"/><replicate count="x"/>'
