@@ -192,7 +192,8 @@ def test_the_table_of_widths_begins_with_the_widest() -> None:
         for name, f1, n in (("16-16-16", 0.95, 9000), ("64-32-32", 0.96, 30000))
     ]
     _, _, first, second = TABLES["frontier"]["frontier"](Study({}, rows)).splitlines()
-    assert first.startswith("| 64 / 32 / 32 | 30000 | 0.960 ± 0.001 |") and second.startswith("| 16 / 16 / 16 | 9000 |")
+    assert first.startswith("| 64 / 32 / 32 | 30000 | 5 | 0.960 ± 0.001 |")
+    assert second.startswith("| 16 / 16 / 16 | 9000 | 5 |")
 
 
 @pytest.mark.parametrize("kind", ["ablation", "frontier"])

@@ -460,10 +460,11 @@ def frontier(study: Study) -> str:
     for name in dict.fromkeys(row.model for row in study.rows):
         found = [study.row("iid", name, inputs=inputs) for inputs in ("", "friction_weight")]
         cells = [_cell(row, *COLUMNS[c]) for row in found for c in LEARNING]
-        rows.append([name.replace("-", " / "), _value(found[0], "n_parameters", "{:.0f}"), *cells])
+        parameters = _value(found[0], "n_parameters", "{:.0f}")
+        rows.append([name.replace("-", " / "), parameters, str(found[0].seeds), *cells])
     rows.sort(key=lambda row: -int(row[1]))
     told = [f"{c}, told" for c in LEARNING]
-    return _table(["trunk 1 / trunk 2 / contacts / classifier", "parameters", *LEARNING, *told], rows)
+    return _table(["trunk 1 / trunk 2 / contacts / classifier", "parameters", "seeds", *LEARNING, *told], rows)
 
 
 TABLES: dict[str, dict[str, Callable[[Study], str]]] = {
