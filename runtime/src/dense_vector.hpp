@@ -105,9 +105,7 @@ AMINN_FUNCTION void normalise(const float *v, const float *mean, const float *in
     } else if (n >= kLanes<Float4>) {
         normalise_by<Float4>(v, mean, inv_std, n, out);
     } else {
-        for (int i = 0; i < n; ++i) {
-            out[i] = (v[i] - mean[i]) * inv_std[i];
-        }
+        normalise_by<float>(v, mean, inv_std, n, out);
     }
 }
 

@@ -33,6 +33,7 @@ LOOKS = ("skin", "texture")
 """Assets that nothing but a picture shows: MuJoCo 2.2.2 may end the process on a wrong one, and is given none."""
 
 MAX_INCLUDES = 1000
+"""Of a model, those that lie in each other among them."""
 COPIES = ("composite", "replicate", "flexcomp")
 """Elements that stand for as many copies as the product of their `count`."""
 MAX_COPIES = 1000
